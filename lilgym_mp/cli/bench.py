@@ -226,8 +226,7 @@ def run(args: argparse.Namespace) -> int:
         name: {kind: Workload(each, kind, actions) for kind in (FIXED, RANDOM)} for name, each in settings.items()
     }
     print(f"{strftime('%Y-%m-%d %H:%M')}, {machine}\n\n{LEGEND}")
-    # A thread that redraws the bar would disturb the measurements.
-    with Progress(len(names) * rounds, "rounds", redraws_by_itself=False) as progress:
+    with Progress(len(names) * rounds, "rounds") as progress:
         for name in names:
             found = [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)]
             _measure(found, workloads[name], rounds, seconds, partial(progress.advance, note=name))

@@ -15,7 +15,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.episodes import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX, OutputError, first_free_path, writable_directory
-from lilgym_mp.evaluation.film import film_grid
+from lilgym_mp.evaluation.film import episode_frames, film_frames
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.terminal import Progress
 
@@ -85,11 +85,12 @@ def _evaluate(args: argparse.Namespace, directory: Path) -> None:
     evaluation = parse_args(["evaluate", *map(str, agents.values()), *words, *place, "--seed", str(args.seed)])
     evaluation.run(evaluation)
     recordings = [read_episodes(file) for file in (directory / EPISODES).glob(f"*{SUFFIX}")]
+    env = EnvConfig(CONFIGURATION).make(SPLIT)
     for name, run in agents.items():
         (recording,) = (each for each in recordings if each.header.run == str(run))
         evenly_spaced = recording.episodes[:: max(1, len(recording.episodes) // FILMED)][:FILMED]
         film = directory / f"{name}.gif"
-        film_grid(film, EnvConfig(CONFIGURATION), SPLIT, evenly_spaced, columns=2)
+        film_frames(film, [list(episode_frames(env, episode)) for episode in evenly_spaced], columns=2)
         print(f"film: {film}")
     parser = agents[PARSE_AND_PLAN]
     print(

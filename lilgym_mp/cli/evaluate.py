@@ -47,7 +47,7 @@ from lilgym_mp.evaluation.policies import (
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import write_metadata
 from lilgym_mp.evaluation.report import results_json, results_text
-from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, playable, training_statements
+from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play, playable, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner
@@ -84,10 +84,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_split(parser, "dev")
     add_seed(parser, "of the policies")
     add_number(parser, "--passes", 1, "episodes per task")
-    modes = parser.add_mutually_exclusive_group()
-    short = {"action": "store_const", "const": [SAMPLED], "help": "short for --actions sampled"}
-    modes.add_argument("--sampled", dest="actions", **short)
-    modes.add_argument(
+    parser.add_argument(
         "--actions",
         nargs="+",
         choices=[GREEDY, SAMPLED],
@@ -204,16 +201,14 @@ def _played(
 ) -> Iterator[Result]:
     """The policies' results, each recorded with --record as soon as it is there."""
     seen = training_statements(plan.settings)
-    played = play_all(named, plan, seen, lambda episode: progress.advance())
-    if args.record is None:
-        yield from played
-        return
     judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
-    recorder = Recorder(plan.settings, plan.split, seen, **judging)
-    for result in played:
-        path = recorder.write(args.record, result)
-        write_metadata(path, args.argv)
-        print(f"episodes: {path}", flush=True)
+    recorder = None if args.record is None else Recorder(plan.settings, plan.split, seen, **judging)
+    for policy in playable(named, plan):
+        result = play(policy, plan, seen, lambda episode: progress.advance())
+        if recorder is not None and args.record is not None:
+            path = recorder.write(args.record, result)
+            write_metadata(path, args.argv)
+            print(f"episodes: {path}", flush=True)
         yield result
 
 

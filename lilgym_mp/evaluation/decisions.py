@@ -116,9 +116,9 @@ def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) ->
 def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appearance) -> Decision:
     probabilities = np.asarray(output.probabilities[row], np.float64)
     action_types, cells, count = action_cells(appearance)
-    types = _sums(action_types, probabilities, len(ActionType))
+    types = np.bincount(action_types, probabilities, len(ActionType))
     adds, removes = (
-        _sums(cells, np.where(action_types == action_type, probabilities, 0.0), count)
+        np.bincount(cells, np.where(action_types == action_type, probabilities, 0.0), count)
         for action_type in (ActionType.ADD, ActionType.REMOVE)
     )
     programs = {} if output.programs is None else output.programs[row]
@@ -137,11 +137,6 @@ def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appe
     )
 
 
-def _sums(groups: Int64Array, probabilities: Float64Array, count: int) -> Float64Array:
-    """(count,) total probability of each group."""
-    return np.bincount(groups, probabilities, count).astype(np.float64, copy=False)
-
-
 def _likeliest(probabilities: Float64Array, appearance: Appearance) -> tuple[tuple[Action, float], ...]:
     """The MAX_LIKELIEST most probable actions, without those of probability 0; ties in order of index."""
     order = np.argsort(-probabilities, kind="stable")[:MAX_LIKELIEST]
@@ -149,7 +144,7 @@ def _likeliest(probabilities: Float64Array, appearance: Appearance) -> tuple[tup
     return tuple((appearance.decode(index), _rounded(float(probabilities[index]))) for index in chosen)
 
 
-def _kept(cells: Float64Array) -> dict[int, float]:
+def _kept(cells: np.ndarray) -> dict[int, float]:
     kept = np.flatnonzero(cells >= MIN_PROBABILITY)
     return dict(zip(kept.tolist(), cells[kept].clip(0, 1).round(DIGITS).tolist(), strict=True))
 

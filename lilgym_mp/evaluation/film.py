@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import write_atomically
@@ -67,12 +66,6 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, return {episode.reward:+.1f}"
         yield frame(caption, rgb)
-
-
-def film_grid(path: Path, settings: EnvConfig, split: str, episodes: Sequence[Episode], columns: int) -> None:
-    """Writes a GIF of episodes in a grid; each stays on its last frame until all have ended."""
-    env = settings.make(split)
-    film_frames(path, [list(episode_frames(env, episode)) for episode in episodes], columns)
 
 
 def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int) -> None:

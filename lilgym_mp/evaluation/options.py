@@ -145,12 +145,6 @@ def add_device(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "--threads", 1, "CPU threads")
 
 
-def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
-    """--out and --resume of a training run; `default`: its directory's name in RUNS."""
-    parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {RUNS}/{default})")
-    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
-
-
 def flag_name(name: str) -> str:
     """The option for a field, without its leading dashes."""
     return name.replace("_", "-")

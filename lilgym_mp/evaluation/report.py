@@ -37,28 +37,24 @@ def _has_seen(results: Sequence[Result]) -> bool:
     return any(result.summary.seen.episodes for result in results)
 
 
-def accuracies(results: Sequence[Result]) -> list[list[str]]:
-    """Rows of accuracies by policy and configuration, after a row of heads."""
-    found = {(result.name, result.plan.settings.configuration): result.summary.accuracy for result in results}
-    names, configurations = (list(dict.fromkeys(column)) for column in zip(*found, strict=True))
-    rows = [[name, *(_percent(found.get((name, where))) for where in configurations)] for name in names]
-    return [["accuracy", *configurations], *rows]
-
-
 def results_text(results: Sequence[Result], width: int | None = None) -> str:
     """The accuracy by policy and configuration if there are several of these, and a table for each configuration.
 
     `width`: of a terminal to which tables are cut, by default that of standard output if it is one.
     """
-    heads, *rows = accuracies(results)
-    parts = [table(heads, rows, width)] if len(heads) > 2 else []
+    parts: list[str] = []
+    found = {(result.name, result.plan.settings.configuration): result.summary.accuracy for result in results}
+    names, configurations = (list(dict.fromkeys(column)) for column in zip(*found, strict=True))
+    if len(configurations) > 1:
+        rows = [[name, *(_percent(found.get((name, where))) for where in configurations)] for name in names]
+        parts.append(table(["accuracy", *configurations], rows, width))
     has_seen = _has_seen(results)
     heads = ("policy", "accuracy", *("seen", "unseen") * has_seen, "mean reward", "mean length", *FAILURES)
-    for configuration in dict.fromkeys(result.plan.settings.configuration for result in results):
-        found = [result for result in results if result.plan.settings.configuration == configuration]
-        episodes = found[0].summary.all.episodes
+    for configuration in configurations:
+        played = [result for result in results if result.plan.settings.configuration == configuration]
+        episodes = played[0].summary.all.episodes
         parts.append(f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}")
-        parts.append(table(heads, [_row(result, seen=has_seen) for result in found], width))
+        parts.append(table(heads, [_row(result, seen=has_seen) for result in played], width))
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
     if width is None and sys.stdout.isatty():

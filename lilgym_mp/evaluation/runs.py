@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -56,14 +56,6 @@ def evaluate(
     return [episode for episode in episodes if episode is not None]
 
 
-class _Step(NamedTuple):
-    """An action, and what the policy said of it."""
-
-    action: Action
-    stop: float | None  # probability of STOP
-    decision: Decision | None
-
-
 def _play(
     policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator, *, record_decisions: bool
 ) -> Iterator[tuple[int, Episode]]:
@@ -72,7 +64,7 @@ def _play(
     count = envs.num_envs
     playing = np.arange(count)  # index of the episode in each environment
     next_index = count
-    taken: list[list[_Step]] = [[] for _ in range(count)]
+    taken: list[list[tuple[Action, float | None, Decision | None]]] = [[] for _ in range(count)]
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
@@ -86,23 +78,22 @@ def _play(
         observations, _, terminated, truncated, infos = envs.step(chosen)
         for env_index, stop, decision in zip(active.tolist(), stops, made, strict=True):
             action = envs.dynamics.appearance.decode(int(chosen[env_index]))
-            taken[env_index].append(_Step(action, None if stop is None else round(stop, 6), decision))
+            taken[env_index].append((action, None if stop is None else round(stop, 6), decision))
         ended = terminated | truncated
         if not ended.any():
             continue
         for env_index in np.flatnonzero(ended & (playing != IDLE)).tolist():
-            yield (
-                int(playing[env_index]),
-                Episode.of(
-                    envs.tasks[int(envs.task_indices[env_index])],
-                    [step.action for step in taken[env_index]],
-                    infos["outcome"][env_index],
-                    envs.dynamics,
-                    invalid_reason=None if "invalid_reason" not in infos else infos["invalid_reason"][env_index],
-                    stop_probabilities=tuple(step.stop for step in taken[env_index] if step.stop is not None) or None,
-                    decisions=tuple(step.decision for step in taken[env_index] if step.decision is not None) or None,
-                ),
+            actions, stops, judged = zip(*taken[env_index], strict=True)
+            episode = Episode.of(
+                envs.tasks[int(envs.task_indices[env_index])],
+                actions,
+                infos["outcome"][env_index],
+                envs.dynamics,
+                invalid_reason=None if "invalid_reason" not in infos else infos["invalid_reason"][env_index],
+                stop_probabilities=None if None in stops else stops,
+                decisions=None if None in judged else judged,
             )
+            yield int(playing[env_index]), episode
             playing[env_index] = next_index if next_index < len(task_ids) else IDLE
             next_index += 1
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
@@ -278,17 +269,6 @@ def play(
     mask = policy.needs_masks if named.mask is None else named.mask
     summary, seconds = summarise(episodes, training_statements), time.process_time() - began
     return Result(named, plan, summary, episodes, seconds, mask)
-
-
-def play_all(
-    named_policies: Collection[NamedPolicy],
-    plan: EvaluationPlan,
-    training_statements: Collection[str],
-    on_episode: Callable[[Episode], object] = lambda episode: None,
-) -> Iterator[Result]:
-    """Evaluates each policy that can play the configuration; each starts with a generator of the same seed."""
-    for named in playable(named_policies, plan):
-        yield play(named, plan, training_statements, on_episode)
 
 
 def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:

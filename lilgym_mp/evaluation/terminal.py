@@ -40,13 +40,12 @@ class Progress:
         done: int | None = 0,
         *,
         doing: str = "",
-        redraws_by_itself: bool = True,
         prints: bool = True,
     ) -> None:
         """`done`: progress at the beginning; None if the first call of `reach` sets it, as in a resumed run.
 
-        `doing`: shown at once and until the first progress. `redraws_by_itself`: whether the thread runs; not while
-        speed is measured. `prints`: whether to print lines without a terminal; not if the caller prints its own.
+        `doing`: shown at once and until the first progress. `prints`: whether to print lines without a terminal; not if
+        the caller prints its own.
         """
         self._total = total
         self._unit = unit
@@ -55,9 +54,8 @@ class Progress:
         self._since = self._printed = time.monotonic()
         self._note = doing
         self._over = threading.Event()
-        self._bar = _bar(redraws_by_itself) if sys.stderr.isatty() else None
+        self._bar = _bar() if sys.stderr.isatty() else None
         self._prints = self._bar is None and prints
-        self._beats = self._prints and redraws_by_itself
         if self._bar is not None:
             self._bar.start()
             self._bar.add_task(unit, total=total, completed=self._done, note=doing)
@@ -65,7 +63,7 @@ class Progress:
             write_note(doing)
 
     def __enter__(self) -> Progress:
-        if self._beats:
+        if self._prints:
             threading.Thread(target=self._beat, daemon=True).start()
         return self
 
@@ -91,8 +89,6 @@ class Progress:
         self._done, self._note = done, note
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note)
-            if not self._bar.live.auto_refresh:
-                self._bar.refresh()
         elif self._prints:
             self._print_if_due(at_once=completes)
 
@@ -112,7 +108,7 @@ class Progress:
         write_note(", ".join(filter(None, [reached, self._note, clock])))
 
 
-def _bar(redraws_by_itself: bool) -> RichProgress:
+def _bar() -> RichProgress:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
@@ -125,7 +121,6 @@ def _bar(redraws_by_itself: bool) -> RichProgress:
         TimeRemainingColumn(),
         TextColumn("left {task.fields[note]}"),
         console=Console(file=sys.stderr),
-        auto_refresh=redraws_by_itself,
         redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
     )
 

@@ -14,7 +14,7 @@ from lilgym_mp.evaluation.film import (
     TILE_HEIGHT,
     TILE_WIDTH,
     episode_frames,
-    film_grid,
+    film_frames,
 )
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock
@@ -42,8 +42,9 @@ def test_episode_frames__show_the_start_and_each_action():
     assert "I can see a blue block." in start.task
 
 
-def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
-    film_grid(tmp_path / "grid.gif", TOWER, "dev", [SEEN, UNSEEN, UNSEEN], columns=2)
+def test_film_frames__waits_for_the_longest_episode(tmp_path: Path):
+    films = [list(episode_frames(TOWER.make("dev"), episode)) for episode in (SEEN, UNSEEN, UNSEEN)]
+    film_frames(tmp_path / "grid.gif", films, columns=2)
     with Image.open(tmp_path / "grid.gif") as film:
         assert film.size == (2 * TILE_WIDTH, 2 * TILE_HEIGHT)
         assert getattr(film, "n_frames", 1) == 3

@@ -16,7 +16,7 @@ from lilgym_mp.evaluation.report import (
     results_json,
     results_text,
 )
-from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, training_statements
+from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play, playable, training_statements
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
@@ -100,7 +100,7 @@ def test_markdown_table__aligns_numbers_right_and_texts_left():
 def test_results_json__is_sufficient_to_reproduce_the_results():
     plan = EvaluationPlan(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
     seen = training_statements(plan.settings)
-    results = list(play_all(BASELINES, plan, seen))
+    results = [play(named, plan, seen) for named in BASELINES]
     data = json.loads(json.dumps(results_json(results)))
     (written,) = data["trials"]
     again = EvaluationPlan(
@@ -112,7 +112,7 @@ def test_results_json__is_sufficient_to_reproduce_the_results():
     )
     assert again == plan
     assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
-    (repeated,) = play_all([BASELINES[1]], again, seen)
+    repeated = play(BASELINES[1], again, seen)
     assert repeated.episodes == results[1].episodes
     assert data["results"][0]["accuracy"] == results[0].summary.accuracy
     assert written["tasks"]["sha256"] == plan.settings.make("dev").tasks.provenance.sha256
@@ -120,6 +120,6 @@ def test_results_json__is_sufficient_to_reproduce_the_results():
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
 
 
-def test_play_all__skips_policies_that_cannot_play_the_configuration():
+def test_playable__skips_policies_that_cannot_play_the_configuration():
     tower_only = NamedPolicy("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
-    assert not list(play_all([tower_only], EvaluationPlan(Settings("ScatterScratch"), "dev"), set()))
+    assert not playable([tower_only], EvaluationPlan(Settings("ScatterScratch"), "dev"))

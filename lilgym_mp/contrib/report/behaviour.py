@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import Value
 from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_strips, line_chart
-from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
 from lilgym_mp.evaluation import Settings
@@ -45,7 +45,7 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
     )
-    yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, "", data.looks), note)
+    yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, "", data.looks), note=note)
     yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT_STATISTICS), rows)
 
 
@@ -107,9 +107,9 @@ def calibration(data: ReportData) -> Iterator[Item]:
             panels.append((configuration, "probability of STOP", "share of scenes that are solved", drawn))
     if panels:
         note = f"All scenes in which an agent chose an action, in {BINS} equal bins of its probability of STOP."
-        yield Chart("Calibration of STOP", title, line_chart(panels, data.looks, diagonal=True), note)
+        yield Chart("Calibration of STOP", title, line_chart(panels, data.looks, diagonal=True), note=note)
     else:
-        yield MissingItem("Calibration of STOP", title, "no agent here reports its probability of STOP")
+        yield Item("Calibration of STOP", title, note="no agent here reports its probability of STOP")
 
 
 def calibration_line(entry: AgentResults) -> Line | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import INTERVAL_NOTE, MeanStd, accuracy_where
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
-from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.contrib.report.report_data import ReportData
 from lilgym_mp.corpus.records import FLIPIT
@@ -60,7 +60,9 @@ def _by_category(
         if values:
             panels.append(BarPanel(configuration, list(by_name), values))
     if panels:
-        yield Chart(item, title, bar_chart(panels, "accuracy, %", data.looks, top=109), f"{note} {ERROR_BARS}".strip())
+        yield Chart(
+            item, title, bar_chart(panels, "accuracy, %", data.looks, top=109), note=f"{note} {ERROR_BARS}".strip()
+        )
         columns = ("agent", "configuration", "episodes", "start scenes", "start scenes †", "accuracy (%)")
         source = f"† dev split of the paper ({paper.SOURCE}). " if published else ""
         yield table(item, f"{title}, numbers", columns, rows, f"{note} {source}{INTERVAL_NOTE}".strip())
@@ -71,7 +73,7 @@ def by_target(data: ReportData) -> Iterator[Item]:
     title = f"Accuracy by target value on {data.main_split}"
     configurations = [name for name in data.configurations if CONFIGURATIONS[name][1] == FLIPIT]
     if not configurations:
-        yield MissingItem("Figure 5", title, "no FlipIt configuration was evaluated")
+        yield Item("Figure 5", title, note="no FlipIt configuration was evaluated")
         return
 
     def target(episode: Episode) -> str:
@@ -127,4 +129,4 @@ def by_edits(data: ReportData) -> Iterator[Item]:
     title = f"Accuracy by number of edits needed on {data.main_split}"
     note = "Edits in the expert's shortest solution."
     found = [*_by_category(data, "Edits needed", title, EDITS, edits, note)]
-    yield from found or [MissingItem("Edits needed", title, NEEDS_EXPERT)]
+    yield from found or [Item("Edits needed", title, note=NEEDS_EXPERT)]

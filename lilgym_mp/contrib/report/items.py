@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
@@ -37,11 +37,12 @@ FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
 @dataclass(frozen=True)
-class Named:
-    """An item of the paper, or our own."""
+class Item:
+    """An item of the paper, or our own; one that is neither a table nor a chart cannot be made, as its note says."""
 
     item: str  # such as "Table 2"
     title: str
+    note: str = field(default="", kw_only=True)
 
     @property
     def name(self) -> str:
@@ -50,12 +51,11 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Table(Named):
+class Table(Item):
     """Rows of cells; None is a missing value."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
-    note: str = ""
 
     def texts(self) -> list[list[str]]:
         """The cells as shown: percentages with one decimal, other fractions with two."""
@@ -93,22 +93,11 @@ class Table(Named):
 
 
 @dataclass(frozen=True)
-class Chart(Named):
+class Chart(Item):
     """A matplotlib figure."""
 
     figure: Figure
-    note: str = ""
     raster: bool = False  # contains scene images, so the page embeds the PNG instead of the SVG
-
-
-@dataclass(frozen=True)
-class MissingItem(Named):
-    """An item that cannot be made from these recordings."""
-
-    note: str  # the reason, and what is needed
-
-
-Item = Table | Chart | MissingItem
 
 
 def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]], note: str = "") -> Table:
@@ -117,7 +106,7 @@ def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence
     own = [row for row in rows if not str(row[0]).endswith(PUBLISHED)]
     kept = [index for index in range(len(columns)) if not own or any(row[index] is not None for row in own)]
     kept_rows = tuple(tuple(row[index] for index in kept) for row in rows)
-    return Table(item, title, tuple(columns[index] for index in kept), kept_rows, note)
+    return Table(item, title, tuple(columns[index] for index in kept), kept_rows, note=note)
 
 
 def format_cell(cell: Cell, places: int = 2) -> str:

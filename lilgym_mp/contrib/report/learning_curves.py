@@ -9,8 +9,8 @@ import numpy as np
 
 from lilgym_mp.contrib.report.aggregation import mean_std
 from lilgym_mp.contrib.report.charts import Line, line_chart
-from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
-from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
+from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
+from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, shown_setting
 from lilgym_mp.evaluation import CONFIGURATIONS
 
 ITEM, TITLE = "Figure 4", "Accuracy on dev while training"
@@ -51,11 +51,11 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
         if drawn:
             panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
     if not panels:
-        yield MissingItem(ITEM, TITLE, NOT_EVALUATED)
+        yield Item(ITEM, TITLE, note=NOT_EVALUATED)
         return
     has_image = any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations)
     caption = CAPTION + NLVR_CAPTION * has_nlvr + IMAGE_CAPTION * has_image
-    yield Chart(ITEM, TITLE, line_chart(panels, data.looks), caption)
+    yield Chart(ITEM, TITLE, line_chart(panels, data.looks), note=caption)
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{TITLE}, at the end", columns, rows)
 
@@ -74,7 +74,7 @@ def _group_by_recipe(
     for curve in curves:
         learner = {"ppo": "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"}.get(curve.learner, curve.learner)
         reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] * names_reward
-        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys]
+        settings = [f"{key} {shown_setting(curve.recipe.get(key))}" for key in keys]
         groups.setdefault(", ".join([learner, *settings, *reward]), []).append(curve)
     return groups
 

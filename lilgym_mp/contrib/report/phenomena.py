@@ -8,10 +8,9 @@ ones. Each rule is described by its docstring, as docs/official_data.md lists th
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations
-from typing import Any
 
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.programs.syntax import (
@@ -36,12 +35,6 @@ from lilgym_mp.programs.syntax import (
 )
 from lilgym_mp.scene import BOX_COUNT
 
-Rule = Callable[[Any], bool]
-RULES: dict[str, Callable[[Node], bool]] = {}
-"""For each semantic phenomenon, whether the syntax tree of a program shows it."""
-SYNTAX_RULES: dict[str, Callable[[str], bool]] = {}
-"""For each syntactic phenomenon, an ambiguous attachment, whether a statement shows it."""
-
 CACHE_SIZE = 8_192  # cached programs and statements
 _OPERATOR_OF_WORD = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">"}  # all other comparison words mean ==
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
@@ -51,16 +44,6 @@ _SELECTIONS = (*_FILTERS, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVELS = ("is_top", "is_bottom", "is_second", "is_third")
 _MEMBERSHIP = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # relations that are not spatial
-
-
-def rule(rules: dict[str, Any], phenomenon: str) -> Callable[[Rule], Rule]:
-    """Decorator that adds a rule; its docstring describes it."""
-
-    def added(decorated: Rule) -> Rule:
-        rules[phenomenon] = decorated
-        return decorated
-
-    return added
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -76,13 +59,11 @@ def syntactic_phenomena(statement: str) -> frozenset[str]:
     return frozenset(name for name, shows in SYNTAX_RULES.items() if shows(statement))
 
 
-@rule(RULES, "existence")
 def existence(tree: Node) -> bool:
     """`exist` or `Any`."""
     return _uses(tree, "exist", "Any")
 
 
-@rule(RULES, "exact cardinality")
 def exact_cardinality(tree: Node) -> bool:
     """`==` or `!=` compares a count with a number of at least 1 (2 for a count of colours, shapes or sizes)."""
     return any(
@@ -91,7 +72,6 @@ def exact_cardinality(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "soft cardinality")
 def soft_cardinality(tree: Node) -> bool:
     """`<`, `<=`, `>` or `>=` compares a count with a number, except when it states that the count is zero."""
     return any(
@@ -103,7 +83,6 @@ def soft_cardinality(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "universal")
 def universal(tree: Node) -> bool:
     """`All`, `all`, `equal_set`, or `contained` for a set that depends on the scene; or a selection, or its count, is
     compared with the set it was selected from; or `==` or `>=` compares the number of boxes with a property with 3.
@@ -119,7 +98,6 @@ def universal(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "coordination")
 def coordination(tree: Node) -> bool:
     """`or`, `union`, or a list or set of several literal values; or `and` joins conditions, at least two of which
     select items or boxes (a filter, `All`, `Any`, ...).
@@ -135,7 +113,6 @@ def coordination(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "negation")
 def negation(tree: Node) -> bool:
     """`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero."""
     return (
@@ -150,7 +127,6 @@ def negation(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "comparison")
 def comparison(tree: Node) -> bool:
     """Two values that both depend on the scene are compared (except a selection with its source); or the number of
     distinct colours, shapes or sizes is compared; or an `all_same` word or `min`.
@@ -162,7 +138,6 @@ def comparison(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "spatial relation")
 def spatial_relation(tree: Node) -> bool:
     """A word about walls, corners, touching, above or below, or the level in a tower (`is_top`, `is_second`, ...)."""
     return any(
@@ -173,7 +148,6 @@ def spatial_relation(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "presupposition")
 def presupposition(tree: Node) -> bool:
     """`unique` of anything but an item's neighbours, or `min`; or two conditions joined by `and` refer to the same
     selection.
@@ -190,7 +164,6 @@ def presupposition(tree: Node) -> bool:
     )
 
 
-@rule(RULES, "coreference")
 def coreference(tree: Node) -> bool:
     """A condition on one item refers to the item of an enclosing condition."""
     for node in walk(tree):
@@ -375,7 +348,6 @@ def _tagged(statement: str) -> str:
     return "".join(tags)
 
 
-@rule(SYNTAX_RULES, "syntax: coordination")
 def ambiguous_coordination(statement: str) -> bool:
     """`and` or `or` joins a noun phrase to one inside a prepositional phrase after another noun; or the second of two
     joined noun phrases is followed by a modifier (a preposition, `touching`, `which`, ...); or only the first of two
@@ -385,10 +357,22 @@ def ambiguous_coordination(statement: str) -> bool:
     return any(pattern.search(tags) for pattern in _COORDINATION)
 
 
-@rule(SYNTAX_RULES, "syntax: prepositional attachment")
 def ambiguous_preposition(statement: str) -> bool:
     """A noun is followed by a prepositional phrase (including `of`) and another one (except `of`)."""
     return _PREPOSITIONAL.search(_tagged(statement)) is not None
 
 
+RULES: Mapping[str, Callable[[Node], bool]] = {
+    rule.__name__.replace("_", " "): rule
+    for rule in (
+        *(existence, exact_cardinality, soft_cardinality, universal, coordination, negation, comparison),
+        *(spatial_relation, presupposition, coreference),
+    )
+}
+"""For each semantic phenomenon, whether the syntax tree of a program shows it."""
+SYNTAX_RULES: Mapping[str, Callable[[str], bool]] = {
+    "syntax: coordination": ambiguous_coordination,
+    "syntax: prepositional attachment": ambiguous_preposition,
+}
+"""For each syntactic phenomenon, an ambiguous attachment, whether a statement shows it."""
 PHENOMENA = (*RULES, *SYNTAX_RULES)

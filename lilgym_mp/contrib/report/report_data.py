@@ -18,6 +18,7 @@ from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episo
 from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
+from lilgym_mp.learning.common.run_directory import shown as shown_setting
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
@@ -204,7 +205,7 @@ def _label(header: Header, headers: Sequence[Header]) -> str:
     own = header.agent, header.settings, header.split
     others = [other for other in headers if (other.agent, other.settings, other.split) == own]
     keys = differing_keys([other.recipe for other in others])
-    differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
+    differences = [f"{key} {shown_setting(header.recipe.get(key))}" for key in keys]
     if len({other.actions for other in others}) > 1:
         differences.append(header.actions)
     if len({other.supervision for other in others}) > 1 and not differences:
@@ -216,12 +217,6 @@ def differing_keys(recipes: Sequence[Any]) -> list[str]:
     """Keys, except the seed, in which recipes differ."""
     keys = dict.fromkeys(key for recipe in recipes for key in recipe if key != "seed")
     return [key for key in keys if len({json.dumps(recipe.get(key)) for recipe in recipes}) > 1]
-
-
-def format_setting(value: Any) -> str:
-    if isinstance(value, bool):
-        return "on" if value else "off"
-    return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
 
 
 def _curve(directory: Path) -> TrainingCurve:
@@ -240,14 +235,10 @@ def _curve(directory: Path) -> TrainingCurve:
 
 def _evaluations(file: Path) -> tuple[dict[str, Any], ...]:
     """The evaluations in a JSON Lines file; none if there is no such file. Raises ValueError for an invalid number."""
-    if not file.exists():
-        return ()
-    records = [dict(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
-    for record in records:
-        for key in ("steps", *ACCURACIES):
-            value = record.get(key)
-            if (value is not None or key == "steps") and not (
-                isinstance(value, int | float) and abs(value) < MAX_NUMBER
-            ):
-                raise ValueError(f"{key} must be a number, not {shown(value)}")
-    return tuple(records)
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    records = tuple(dict(json.loads(line)) for line in lines)
+    for record, key in product(records, ("steps", *ACCURACIES)):
+        value = record.get(key)
+        if (value is not None or key == "steps") and not (isinstance(value, int | float) and abs(value) < MAX_NUMBER):
+            raise ValueError(f"{key} must be a number, not {shown(value)}")
+    return records

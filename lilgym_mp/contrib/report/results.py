@@ -58,7 +58,7 @@ def figure_3(data: ReportData) -> Iterator[Item]:
     title = f"Mean reward on {data.main_split}"
     note = f"The paper plots these values without printing them. The optimal expert is the upper bound. {ERROR_BARS}"
     chart = bar_chart([BarPanel("", data.configurations, rewards)], "mean reward", data.looks)
-    yield Chart("Figure 3", title, chart, note)
+    yield Chart("Figure 3", title, chart, note=note)
     rows = [[agent, *values] for agent, values in rewards.items()]
     yield table("Figure 3", f"{title}, numbers", ("agent", *data.configurations), rows)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from lilgym_mp.contrib.report import behaviour, breakdowns, learning_curves, results
 from lilgym_mp.contrib.report.charts import save
-from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
+from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
 from lilgym_mp.evaluation.files import OutputError, writable_directory
 
@@ -47,16 +47,14 @@ def make_report(paths: Sequence[Path], directory: Path) -> Path:
     data = load_report_data(paths)
     made = chapters(data)
     target = directory.absolute()
-    temporary, old = (target.with_name(f".{target.name}.{os.getpid()}.{part}") for part in ("tmp", "old"))
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         temporary.mkdir()
         _write(temporary, data, made, template)
-        if target.exists():
-            target.rename(old)
+        shutil.rmtree(target, ignore_errors=True)
         temporary.rename(target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
     return directory / PAGE_FILE
 
 
@@ -100,8 +98,6 @@ def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]]
 def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
     """Writes the item's files; returns its template context."""
     common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note}
-    if isinstance(item, MissingItem):
-        return {**common, "kind": "missing", "files": ()}
     if isinstance(item, Chart):
         shown, media_type = ("PNG", "image/png") if item.raster else ("SVG", "image/svg+xml")
         paths = {name: f"{FIGURES}/{item.name}.{name.lower()}" for name in ("SVG", "PNG", "PDF")}
@@ -111,6 +107,8 @@ def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
         looks = {"half": item.figure.get_figwidth() < 7, "raster": item.raster}
         source = f"data:{media_type};base64,{content}"
         return {**common, **looks, "kind": "chart", "source": source, "files": tuple(paths.items())}
+    if not isinstance(item, Table):
+        return {**common, "kind": "missing", "files": ()}
     texts = {"CSV": ("csv", item.csv()), "LaTeX": ("tex", item.latex())}
     paths = {name: f"{TABLES}/{item.name}.{suffix}" for name, (suffix, _) in texts.items()}
     for name, path in paths.items():

@@ -21,7 +21,8 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
     if learner.config is not None:
         options.add_configuration(parser, nargs="?")
     default = learner.directory.format(learner=name, configuration="CONFIGURATION")
-    options.add_run_directory(parser, default)
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {options.RUNS}/{default})")
+    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
     options.add_fields(parser, learner.options.settings())
     options.add_device(parser)
     parser.add_argument(
