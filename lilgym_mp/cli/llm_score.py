@@ -15,7 +15,7 @@ from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.records import parse_json, read_text
+from lilgym_mp.corpus.records import read_text
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.options import CommandError, add_thoughts
 
@@ -135,6 +135,6 @@ def _records(path: Path) -> Iterator[tuple[str, Any]]:
     for number, line in enumerate(read_text(path)[0].split("\n"), 1):
         if line.strip():
             try:
-                yield f"{path}, line {number}", parse_json(line)
-            except ValueError as error:
-                raise CommandError(f"{path}, line {number}: {error!s:.200}") from None
+                yield f"{path}, line {number}", json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise CommandError(f"{path}, line {number}: not JSON: {error!s:.200}") from None
