@@ -20,7 +20,7 @@ from pathlib import Path
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
 from lilgym_mp.evaluation.options import CommandError
-from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, CHECKPOINT_FILE, PROGRESS_FILE
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -92,7 +92,11 @@ class Attempt:
 
     def _train(self, words: Sequence[str]) -> None:
         self.status = RunStatus.TRAINING
-        resumed = (self.run / CHECKPOINT_FILE).exists()
+        checkpoint, agent = self.run / CHECKPOINT_FILE, self.run / AGENT_FILE
+        resumed = checkpoint.exists()
+        has_agent = resumed and agent.exists() and agent.stat().st_mtime >= checkpoint.stat().st_mtime
+        if has_agent and self.fraction_done == 1:
+            return  # training ended when this process, or its node, was dead
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]

@@ -329,6 +329,16 @@ def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
     assert json.loads(again.marker.read_text())["commands"] == [["mine"], ["fine"], ["fine", "test"]]
 
 
+def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path: Path):
+    plan = PlannedRun("a", ("train", "nothing"), (), ("steps", 100))
+    (attempt,) = make_attempts([plan], tmp_path, 1)
+    attempt.run.mkdir()
+    for name, content in (("progress.jsonl", '{"steps": 128}'), ("checkpoint.pt", ""), ("agent.safetensors", "")):
+        (attempt.run / name).write_text(content)
+    attempt.execute()
+    assert attempt.status is RunStatus.FINISHED
+
+
 @pytest.mark.long
 def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
