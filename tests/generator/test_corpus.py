@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import random
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,6 +20,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scenes import items_apart
 
+STABLE = ("generated:2", "tower", "flipit", "dev")
 SAMPLES = [("tower", 2), ("tower", 4), ("scatter", 2)]  # (appearance, level)
 
 
@@ -58,6 +61,12 @@ def test_load__is_deterministic_in_the_name_and_varies_with_the_seed():
     assert tuple(first) == tuple(again)
     assert first.provenance.sha256 == again.provenance.sha256 != other.provenance.sha256
     assert {task.statement for task in first} != {task.statement for task in other}
+
+
+def test_load__tasks_stay_the_same():
+    tasks = [(task.statement, task.program, task.start.to_json()) for task in load_tasks(*STABLE)]
+    digest = hashlib.sha256(json.dumps(tasks).encode()).hexdigest()
+    assert digest == "a6509bf35e20d4172c4c5497a9fef1ed09187093ff048c63bc25badde0d9ebd8", "users name generated corpora by level and seed"
 
 
 def test_load__builds_a_task_set_once_for_callers_in_several_threads():

@@ -65,12 +65,16 @@ def level_of(program: str) -> int | None:
 def statements(appearance: str, level: int, rng: random.Random) -> Iterator[TrainingPair]:
     """Endless statements of a level in correct spelling and grammar, each with one meaning, and their programs.
 
-    Numbers are exact; wordings that people read in two ways are left out. Raises ValueError for an unknown appearance
-    or level.
+    Numbers are exact; wordings that people read in two ways are left out. The call itself draws from `rng`, before the
+    first statement is asked for. Raises ValueError for an unknown appearance or level.
     """
     sampler = choose("appearance", appearance, TEMPLATES)(rng)
     if level not in LEVELS:
         raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+    return _statements(sampler, level)
+
+
+def _statements(sampler: Statements, level: int) -> Iterator[TrainingPair]:
     while True:
         sampler.style = replace(sampler.random_style(), sloppy=False)
         text, program = sampler.sample()
