@@ -11,19 +11,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report import behaviour, breakdowns, learning_curves, results
+from lilgym_mp.contrib.report import behaviour, learning_curves, results
 from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
 from lilgym_mp.evaluation.files import OutputError, writable_directory
 
 CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
-    "Results": (results.table_2, results.figure_3, breakdowns.by_target, results.basis),
+    "Results": (results.table_2, results.figure_3, results.by_target, results.basis),
     "Learning": (learning_curves.dev_curves,),
     "Comparison of agents": (results.paired_tests,),
     "Behaviour": (behaviour.figures_6_and_9, behaviour.errors),
-    "Language": (breakdowns.by_phenomenon, breakdowns.by_novelty),
-    "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration),
+    "Language": (results.by_phenomenon, results.by_novelty),
+    "Difficulty and stopping": (results.by_edits, behaviour.calibration),
     "Failures": (behaviour.failures,),
 }
 PAGE_FILE = "index.html"

@@ -17,7 +17,9 @@ from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.programs.task import Task
 from lilgym_mp.solver import Solver
+from lilgym_mp.solver.solver import UnsupportedAppearance
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
 
@@ -57,6 +59,12 @@ class AppServices:
     def tasks(self, configuration: str, split: str) -> TaskSet:
         """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""
         return self.settings(configuration).tasks(split)
+
+    def shortest(self, configuration: str, task: Task) -> int | None:
+        """The number of actions of a shortest solution; None if none is found, or without an expert."""
+        with suppress(UnsupportedAppearance):
+            return self.solver(configuration).solve(task).steps or None
+        return None
 
     def sizes(self) -> dict[str, dict[str, int]]:
         """The number of tasks by configuration and split; empty ones are left out."""

@@ -3,11 +3,7 @@
 
 const root = byId("statement");
 
-function solutions(scene) {
-  if (!scene.steps) return "The expert found no solution.";
-  const amount = scene.complete ? `${scene.optimal_first}` : `at least ${scene.optimal_first}`;
-  return `Shortest solution: ${scene.steps} actions; number of optimal first actions: ${amount}.`;
-}
+const solution = (scene) => (scene.steps ? `Shortest solution: ${plural(scene.steps, "action")}.` : "The expert found no solution.");
 
 function sceneCard(scene) {
   const view = new SceneView(`Start ${scene.task_id}`).show(scene.scene);
@@ -18,7 +14,7 @@ function sceneCard(scene) {
     element("h2", {}, `${scene.configuration}, ${scene.task_id}`),
     view.root,
     element("p", {}, element("a", { class: "button", href: `/play?${new URLSearchParams({ configuration: scene.configuration, split: root.dataset.split, task: scene.task_id })}` }, "Play this task")),
-    element("p", {}, `The statement is ${scene.truth} here; the target is ${scene.target}. ${solutions(scene)}`),
+    element("p", {}, `The statement is ${scene.truth} here; the target is ${scene.target}. ${solution(scene)}`),
     parts,
   );
 }

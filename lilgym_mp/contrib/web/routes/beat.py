@@ -19,7 +19,6 @@ from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
 from lilgym_mp.scene import Scene
-from lilgym_mp.solver.solver import UnsupportedAppearance
 
 router = APIRouter()
 api = APIRouter(prefix="/api/beat", tags=["beat"])
@@ -99,18 +98,13 @@ def _row(services: AppServices, loaded: LoadedEpisode) -> Row:
 @lru_cache(1_000)
 def _others(services: AppServices, configuration: str, split: str, task_id: str) -> tuple[int | None, int | None]:
     """The actions with which the agent solves a task, and of a shortest solution."""
-    agent = shortest = None
+    agent = None
     if PARSER in services.runs.agents():
         settings = services.settings(configuration)
         policy = services.runs.agent(PARSER).policy(settings)
         (played,) = evaluate(policy, settings, split, task_ids=[task_id])
         agent = len(played.actions) if played.is_success else None
-    try:
-        task = services.tasks(configuration, split).by_id(task_id)
-        shortest = services.solver(configuration).solve(task).steps or None
-    except UnsupportedAppearance:
-        pass
-    return agent, shortest
+    return agent, services.shortest(configuration, services.tasks(configuration, split).by_id(task_id))
 
 
 def _told(rows: Sequence[Row], player: str = "You") -> tuple[str, str]:

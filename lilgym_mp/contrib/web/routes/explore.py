@@ -17,8 +17,6 @@ from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES
-from lilgym_mp.solver.solution import ActionSet
-from lilgym_mp.solver.solver import UnsupportedAppearance
 
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
@@ -130,19 +128,13 @@ def list_statements(services: AppServices, appearance: str, split: str) -> tuple
 
 
 def _scene(services: AppServices, configuration: str, task: Task) -> JSON:
-    """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
-    a lower bound unless `complete`."""
-    try:
-        best = services.solver(configuration).optimal_actions(services.dynamics(configuration).start(task))
-    except UnsupportedAppearance:
-        best = ActionSet((), complete=False, steps=0)
+    """A start scene, and the number of actions of a shortest solution, if one is found."""
     return {
-        **pick(best, "steps", "complete"),
         "configuration": configuration,
         "task_id": task.id,
         "target": task.target,
         "truth": task.truth(task.start),
         "scene": scene_body(task.start),
-        "optimal_first": len(best.actions),
+        "steps": services.shortest(configuration, task),
         "parts": parts_body(task.program, task.start),
     }
