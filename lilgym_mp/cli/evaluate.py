@@ -259,11 +259,10 @@ def _opened(path: Path, args: argparse.Namespace) -> Agent:
 def training_facts(description: ModelDescription) -> dict[str, float]:
     """The steps and CPU minutes of an agent's training, as far as its description has them."""
     details = description.details
-    seconds, minutes = details.get("cpu_seconds", details.get("seconds")), details.get("cpu_minutes")
-    if minutes is None and seconds is not None:
-        minutes = round(seconds / 60, 2)
-    facts = {"steps": details.get("steps"), "cpu_minutes": minutes}
-    return {name: value for name, value in facts.items() if value is not None}
+    facts = {name: details[name] for name in ("steps", "cpu_minutes") if details.get(name) is not None}
+    if "cpu_seconds" in details:
+        facts["cpu_minutes"] = round(details["cpu_seconds"] / 60, 2)
+    return facts
 
 
 def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[EnvConfig]:
