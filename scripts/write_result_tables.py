@@ -33,7 +33,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.episodes import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata, commit
+from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
 from lilgym_mp.learning.common.agents import open_agent
 
 if TYPE_CHECKING:
@@ -72,13 +72,12 @@ def tasks(configuration: str) -> TaskSet:
 
 def recorded(row: str, file: Path) -> Outcomes:
     """The outcomes of a recording."""
-    recording, metadata = read_episodes(file), RecordingMetadata.read(file)
+    recording, metadata = read_episodes(file), read_metadata(file)
     header, name = recording.header, recording.header.settings.configuration
     found = Counter(episode.task for episode in recording.episodes if episode.is_success)
     successes = "".join(str(found[task.id]) for task in tasks(name))
     run = header.agent if header.run is None else Path(header.run).name
-    known = (metadata and metadata.commit) or ""
-    return Outcomes(row, run, known, name, header.actions, str(header.passes), successes)
+    return Outcomes(row, run, metadata.get("commit") or "", name, header.actions, str(header.passes), successes)
 
 
 def played(row: str, run: Path) -> Iterator[Outcomes]:
