@@ -52,7 +52,7 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
     heads = ("policy", "accuracy", *("seen", "unseen") * has_seen, "mean reward", "mean length", *FAILURES)
     for configuration in configurations:
         played = [result for result in results if result.plan.settings.configuration == configuration]
-        episodes = played[0].summary.all.episodes
+        episodes = len(played[0].episodes)
         parts.append(f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}")
         parts.append(table(heads, [_row(result, seen=has_seen) for result in played], width))
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)

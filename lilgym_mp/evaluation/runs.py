@@ -141,7 +141,6 @@ class SuccessCount:
 class Summary:
     """Statistics of a policy on a split."""
 
-    all: SuccessCount
     seen: SuccessCount  # statements that occur verbatim in the training tasks
     unseen: SuccessCount
     mean_reward: float
@@ -150,7 +149,7 @@ class Summary:
 
     @property
     def accuracy(self) -> float:
-        return self.all.successes / self.all.episodes
+        return self.outcomes["success"]
 
 
 def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
@@ -161,7 +160,6 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     seen = [episode for episode in episodes if episode.statement in training_statements]
     unseen = [episode for episode in episodes if training_statements and episode.statement not in training_statements]
     return Summary(
-        all=SuccessCount.of(episodes),
         seen=SuccessCount.of(seen),
         unseen=SuccessCount.of(unseen),
         mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
