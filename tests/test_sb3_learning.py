@@ -153,8 +153,8 @@ def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() ->
 
 def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, tmp_path: Path) -> None:
     agent = agent_of(trained)
-    assert agent.mask
-    save_model(tmp_path / "agent.safetensors", agent.description, agent.model.state_dict())
+    assert agent.description.details["mask"]
+    save_model(tmp_path / "agent.safetensors", agent.description, agent.network.state_dict())
     settings = Settings("TowerScratch")
     played, again = (
         [episode.actions for episode in evaluate(one.policy(settings), settings, "dev")]

@@ -220,7 +220,7 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     names, facts = (policy.settings.configuration,), {"steps": model.num_timesteps}
     description = describe(policy.settings, recipe, "stable-baselines3", names, policy.network, facts)
     description = replace(description, supervision=f"{description.supervision}; trained by Stable-Baselines3")
-    return PPOAgent(description, policy.settings, policy.network.eval(), recipe.mask)
+    return PPOAgent(description, policy.settings, policy.network.eval())
 
 
 def load_agent(path: Path) -> PPOAgent:

@@ -22,7 +22,6 @@ from lilgym_mp.learning.common.model_file import (
     ModelFileError,
     load_model,
     load_weights,
-    read_description,
     save_model,
     select_device,
 )
@@ -43,7 +42,7 @@ def model(tmp_path: Path) -> Path:
 
 def test_load__inverts_save(model: Path):
     description, tensors = load_model(model)
-    assert description == DESCRIPTION == read_description(model)
+    assert description == DESCRIPTION
     assert tensors.keys() == TENSORS.keys()
     assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
 

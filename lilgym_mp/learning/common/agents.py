@@ -10,11 +10,18 @@ from collections.abc import Mapping
 from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.learners import PACKAGES, shipped_agents
-from lilgym_mp.learning.common.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.learning.common.model_file import (
+    ModelDescription,
+    ModelFileError,
+    load_model,
+    load_weights,
+    select_device,
+    using_description,
+)
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.scene.choices import choose
 
@@ -33,9 +40,41 @@ class AgentError(ValueError):
 class Agent(ABC):
     """A trained agent."""
 
+    kind: ClassVar[str]  # of its model files: the learner, as named on the command line
+    version: ClassVar[int]  # of the kind's own format
     description: ModelDescription
+    network: Any  # the module whose weights its model file holds
     chooses_actions: ClassVar[bool] = False  # it decides itself whether `policy` samples, unless requested
     teaches: ClassVar[bool] = False  # its plans, made from rewards alone, can be imitated
+
+    @classmethod
+    @abstractmethod
+    def of(cls, description: ModelDescription) -> Self:
+        """The agent described, with untrained weights. Raises ValueError, TypeError, KeyError."""
+
+    @classmethod
+    def describe(
+        cls, configurations: tuple[str, ...], supervision: str, recipe: Mapping[str, Any], details: Mapping[str, Any]
+    ) -> ModelDescription:
+        """The description of an agent of this kind."""
+        return ModelDescription(cls.kind, cls.version, configurations, supervision, recipe, details)
+
+    @classmethod
+    def load(cls, path: Path, device: str = "auto") -> Self:
+        """The agent in a model file, for play.
+
+        Raises ModelFileError naming the file and what is wrong with it, such as another kind or version.
+        """
+        torch_device = select_device(device)
+        description, tensors = load_model(path, torch_device)
+        if (description.kind, description.version) != (cls.kind, cls.version):
+            found = f"{description.kind!r}, version {description.version}"
+            raise ModelFileError(f"{path}: a model of kind {found}; must be {cls.kind!r}, version {cls.version}")
+        with using_description(path):
+            agent = cls.of(description)
+        load_weights(agent.network, tensors, path)
+        agent.network.to(torch_device).eval()
+        return agent
 
     @property
     def game(self) -> GameSettings | None:
@@ -90,7 +129,7 @@ def open_agent(path: Path, device: str = "auto") -> Agent:
     if str(path) in shipped_agents() and not path.exists():
         return load_agent(str(path), device)
     path = agent_file(path)
-    kind = read_description(path).kind
+    kind = load_model(path)[0].kind
     if kind not in PACKAGES:
         raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(PACKAGES))}")
     return import_module(f"{PACKAGES[kind]}.agent").load_agent(path, device)

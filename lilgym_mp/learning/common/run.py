@@ -9,14 +9,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from functools import wraps
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import Any, ClassVar, NamedTuple, TypedDict
+from typing import Any, ClassVar, NamedTuple, ParamSpec, TypedDict, cast
 
 import torch
-from torch import Tensor, nn
+from torch import nn
 
-from lilgym_mp.learning.common.model_file import ModelDescription, save_model, select_device, torch_threads
+from lilgym_mp.learning.common.agents import Agent
+from lilgym_mp.learning.common.model_file import save_model, select_device, torch_threads
 from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
@@ -111,14 +113,8 @@ class TrainingRun(ABC):
         """The line of progress.jsonl, a NamedTuple with a `note`, about the steps since the last one."""
 
     @abstractmethod
-    def finish(self) -> Any:
-        """Saves the agent and returns it; the last checkpoint has been saved."""
-
-    @classmethod
-    def trained(cls, out: Path, budget: Budget, session: Session, *arguments: Any) -> Any:
-        """The agent of a run that is made with these arguments. Raises KeyboardInterrupt if it was interrupted."""
-        with torch_threads(session.get("threads", 1)):
-            return cls(out, budget, session, *arguments).train()
+    def finish(self) -> Agent:
+        """The trained agent, to be saved; the last checkpoint has been saved."""
 
     def begin(self, identity: Mapping[str, Any], **options: Any) -> None:
         """Begins or reopens the run directory, and remembers the budget and these options. Raises TrainingRunError."""
@@ -130,6 +126,7 @@ class TrainingRun(ABC):
         return ""
 
     def train(self) -> Any:
+        """Trains, saves the agent and returns it. Raises KeyboardInterrupt if it was interrupted."""
         self._check_unspent()
         self.files.remember(**self._options)
         if introduction := self.introduction():
@@ -138,6 +135,7 @@ class TrainingRun(ABC):
         if self.stop.requested and not self.saves_agent_early:
             raise KeyboardInterrupt
         agent = self.finish()
+        save_model(self.files.agent_file, agent.description, agent.network.state_dict())
         spent = f"{self.spent():,} {self.budget.unit}, {self.minutes():g} CPU minutes"
         self.say(f"saved {self.files.agent_file} after {spent}")
         if self.stop.requested:
@@ -225,12 +223,23 @@ class TrainingRun(ABC):
                     raise ValueError(f"{name} holds non-finite values")
         return True
 
-    def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
-        save_model(self.files.agent_file, description, tensors)
-
     def minutes(self) -> float:
         """CPU time, for the model file."""
         return round(self.seconds() / 60, 2)
+
+
+Arguments = ParamSpec("Arguments")
+
+
+def training(run: Callable[Arguments, TrainingRun]) -> Callable[Arguments, Any]:
+    """A function of the arguments that make a run: it trains, saves the agent and returns it."""
+
+    @wraps(run, assigned=["__doc__"], updated=[])
+    def train(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Any:
+        with torch_threads(cast("int", kwargs.get("threads", 1))):
+            return run(*args, **kwargs).train()
+
+    return train
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,7 +17,7 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -26,8 +25,6 @@ from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import read_situations
 from lilgym_mp.scene.arrays import Int64Array
 
-KIND = "game"
-VERSION = 1
 MAX_CACHED_BOXES = 50_000
 
 
@@ -35,10 +32,25 @@ MAX_CACHED_BOXES = 50_000
 class GameAgent(Agent):
     """A proposer, a verifier, or both."""
 
+    kind, version = "game", 1
     description: ModelDescription
     settings: GameSettings
     recipe: GameRecipe
     networks: Mapping[Role, GameNetwork]  # of the agents that learned
+
+    @classmethod
+    def of(cls, description: ModelDescription) -> GameAgent:
+        details, settings = description.details, GameSettings.from_json(description.details["game"])
+        recipe, vocabulary = GameRecipe.from_json(description.recipe), Vocabulary(tuple(details["words"]))
+        names, game = network_names([Role[name.upper()] for name in details["roles"]], recipe), Game(settings)
+        distinct = dict.fromkeys(names.values())
+        networks = {name: GameNetwork(game, vocabulary, recipe, **details["sizes"]) for name in distinct}
+        return cls(description, settings, recipe, {role: networks[name] for role, name in names.items()})
+
+    @property
+    def network(self) -> nn.ModuleDict:
+        """The networks by name."""
+        return nn.ModuleDict(dict(self.box_transformers()))
 
     @property
     def game(self) -> GameSettings:
@@ -59,6 +71,9 @@ class GameAgent(Agent):
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Raises AgentError: neither agent plays the single-agent environment."""
         raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate`")
+
+
+load_agent = GameAgent.load
 
 
 class SeatPartner(BatchPartner):
@@ -123,23 +138,4 @@ def describe(
         "sizes": dict(network.sizes),
         **statistics,
     }
-    return ModelDescription(KIND, VERSION, (settings.configuration,), supervision, recipe.to_json(), details)
-
-
-def load_agent(path: Path, device: str = "auto") -> GameAgent:
-    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-
-    def parts(description: ModelDescription) -> tuple[GameSettings, GameRecipe, dict[Role, str]]:
-        recipe, details = GameRecipe.from_json(description.recipe), description.details
-        roles = [Role[name.upper()] for name in details["roles"]]
-        return GameSettings.from_json(details["game"]), recipe, network_names(roles, recipe)
-
-    def make(description: ModelDescription) -> nn.ModuleDict:
-        settings, recipe, names = parts(description)
-        game, details = Game(settings), description.details
-        own = game, Vocabulary(tuple(details["words"])), recipe
-        return nn.ModuleDict({name: GameNetwork(*own, **details["sizes"]) for name in dict.fromkeys(names.values())})
-
-    description, networks = load_network(KIND, VERSION, path, device, make)
-    settings, recipe, names = parts(description)
-    return GameAgent(description, settings, recipe, {role: networks[name] for role, name in names.items()})
+    return GameAgent.describe((settings.configuration,), supervision, recipe.to_json(), details)

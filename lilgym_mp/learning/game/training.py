@@ -1,4 +1,4 @@
-"""Runs that train one or both agents of the game. Start reading at `train_game`; the update is `ppo.update`."""
+"""Runs that train one or both agents of the game. The update is `common.update`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, ope
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model_file import weights_digest
 from lilgym_mp.learning.common.optimisation import optimise
-from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
 from lilgym_mp.learning.game.agent import (
-    KIND,
     GameAgent,
     describe,
     load_agent,
@@ -72,49 +71,37 @@ class GameCounters(Counters):
     games: int = 0
 
 
-def train_game(
-    settings: GameSettings,
-    recipe: GameRecipe,
-    out: Path,
-    *,
-    minutes: float | None = None,
-    steps: int | None = None,
-    proposers: Sequence[Path | Partner] | None = None,
-    verifiers: Sequence[Path | Partner] | None = None,
-    start_from: Path | None = None,
-    **session: Unpack[Session],
-) -> GameAgent:
-    """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first; saves and returns the agents.
-
-    `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is played
-    with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start. `out`,
-    signals and errors as for `train_ppo`; with `steps` alone, a resumed run trains the same agents as an uninterrupted
-    one.
-    """
-    partners = {Role.PROPOSER: proposers or (), Role.VERIFIER: verifiers or ()}
-    return Run.trained(out, Budget("steps", steps, minutes), session, settings, recipe, partners, start_from)
-
-
 class Run(TrainingRun):
-    """A run in memory; a step is a rollout with its updates."""
+    """A run that trains agents of the game; a step is a rollout with its updates."""
 
     saves_agent_early = reports_every_step = True
 
     def __init__(
         self,
-        out: Path,
-        budget: Budget,
-        session: Session,
         settings: GameSettings,
         recipe: GameRecipe,
-        partners: dict[Role, Sequence[Path | Partner]],
-        start_from: Path | None,
+        out: Path,
+        *,
+        minutes: float | None = None,
+        steps: int | None = None,
+        proposers: Sequence[Path | Partner] | None = None,
+        verifiers: Sequence[Path | Partner] | None = None,
+        start_from: Path | None = None,
+        **session: Unpack[Session],
     ) -> None:
-        super().__init__(out, budget, session)
+        """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first.
+
+        `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is
+        played with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start.
+        `out`, signals and errors as for PPO; with `steps` alone, a resumed run trains the same agents as an
+        uninterrupted one.
+        """
+        super().__init__(out, Budget("steps", steps, minutes), session)
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, split="train", reveal_truth=True)
         self.recipe = recipe
-        partners = {role: found for role, found in partners.items() if found}
+        named = {Role.PROPOSER: proposers, Role.VERIFIER: verifiers}
+        partners = {role: found for role, found in named.items() if found}
         self.roles = [role for role in Role if role not in partners]
         if not self.roles:
             raise ValueError("no agent is left to learn: name partners for one of them only")
@@ -299,7 +286,7 @@ class Run(TrainingRun):
         self._rng.bit_generator.state = json.loads(state["random"])
 
     def finish(self) -> GameAgent:
-        """Saves the agents."""
+        """The agents that learned."""
         counters, actors = self.counters, self._actors
         statistics = {
             "steps": counters.steps,
@@ -310,7 +297,6 @@ class Run(TrainingRun):
             "interrupted": self.stop.requested,
         }
         description = describe(self.settings, self.recipe, self.roles, next(iter(actors.values())), statistics)
-        self.save_agent(description, self.networks.state_dict())
         self.networks.eval()
         self._clear_caches()
         networks = {role: actors[name] for role, name in self._network_of.items()}
@@ -332,6 +318,9 @@ class _MixedPolicy(NamedTuple):
             found, entropy = policy.evaluate_actions(actions[rows])
             log_probs, entropies = log_probs.index_copy(0, rows, found), entropies.index_copy(0, rows, entropy)
         return log_probs, entropies
+
+
+train_game = training(Run)
 
 
 def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:
@@ -361,7 +350,7 @@ def _identity(
     start_from: Path | None,
 ) -> Mapping[str, Any]:
     return {
-        "learner": KIND,
+        "learner": GameAgent.kind,
         "game": settings.to_json(),
         "recipe": recipe.to_json(),
         "tasks_sha256": tasks_sha256,

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +16,7 @@ from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.evaluation import Episode, Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription, precision
 from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads, action_heads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
@@ -32,8 +30,6 @@ from lilgym_mp.scene.actions import Action
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import Float32Array, Int64Array, UInt8Array
 
-KIND = "imitation"
-VERSION = 1
 MAX_CACHED_BOXES = 50_000
 SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that make the network
 BATCH_SIZE = 128  # scenes per forward pass
@@ -99,12 +95,6 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
         ],
         -1,
     )
-
-
-def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:
-    """Autocast to bfloat16 if `reduced`, except on a CPU without AVX-512, which is some 30 times slower at it."""
-    is_slow = device.type == "cpu" and "AVX512" not in torch.backends.cpu.get_cpu_capability()
-    return torch.autocast(device.type, torch.bfloat16) if reduced and not is_slow else nullcontext()
 
 
 def choose_actions(
@@ -189,10 +179,16 @@ def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNet
 class ImitationAgent(Agent):
     """A network with its vocabulary and stop rules."""
 
+    kind, version = "imitation", 1
+    chooses_actions: ClassVar[bool] = True  # greedy or sampled, by the stop rule
+    description: ModelDescription
     network: ImitationNetwork
     rules: Mapping[str, StopRule]  # by configuration
-    description: ModelDescription
-    chooses_actions: ClassVar[bool] = True  # greedy or sampled, by the stop rule
+
+    @classmethod
+    def of(cls, description: ModelDescription) -> ImitationAgent:
+        rules = {name: StopRule(**rule) for name, rule in description.details["stop_rules"].items()}
+        return cls(description, make_network(description.details["network"]), rules)
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """The policy on images; it needs no action mask. Greedy, unless the stop rule samples or `sampled` is set.
@@ -205,6 +201,9 @@ class ImitationAgent(Agent):
             raise ValueError(f"this network plays Scatter on the grid 19 x 5, not {settings.grid}")
         rule = self.rules[settings.configuration]
         return _ImagePolicy(self, dynamics, rule, sampled=sampled or rule.sampled)
+
+
+load_agent = ImitationAgent.load
 
 
 class _ImagePolicy(Policy):
@@ -254,10 +253,3 @@ def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]
             scenes.append(Scene.empty())
             unread.append(index)
     return scenes, unread
-
-
-def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
-    """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-    description, network = load_network(KIND, VERSION, path, device, lambda made: make_network(made.details["network"]))
-    rules = {name: StopRule(**rule) for name, rule in description.details["stop_rules"].items()}
-    return ImitationAgent(network, rules, description)

@@ -1,6 +1,6 @@
 """Imitation of sets of optimal actions with dataset aggregation (DAgger): a run from pretraining to the stop rule.
 
-Start reading at `train_imitation`, then `_Run.learn`.
+Start reading at `Run.learn`.
 """
 
 from __future__ import annotations
@@ -20,22 +20,19 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.learning.common.model_file import ModelDescription
+from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
-from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import (
-    KIND,
-    VERSION,
     ImitationAgent,
     NetworkPolicy,
     StopRule,
     architecture,
     make_network,
     play_episodes,
-    precision,
     tune_stop_rule,
 )
 from lilgym_mp.learning.imitation.batches import BatchSampler, losses
@@ -91,46 +88,36 @@ class ImitationCounters(Counters):
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
-def train_imitation(
-    settings: Settings,
-    recipe: ImitationRecipe,
-    out: Path,
-    *,
-    updates: int | None = None,
-    minutes: float | None = None,
-    seed: int = 0,
-    teacher: Path | None = None,
-    **session: Unpack[Session],
-) -> ImitationAgent:
-    """Trains an agent, saves it as `out`/agent.safetensors and returns it.
+class Run(TrainingRun):
+    """A run of imitation."""
 
-    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
-    with `updates` alone equal arguments give equal agents. With a `teacher`, the run of a reward model, its search is
-    imitated instead of the expert: expert iteration, from rewards and the rules of editing. `out`, signals and errors
-    as for `train_ppo`, but an interrupted run saves no agent.
-    """
-    return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed, teacher)
-
-
-class _Run(TrainingRun):
     def __init__(
         self,
-        out: Path,
-        budget: Budget,
-        session: Session,
         settings: Settings,
         recipe: ImitationRecipe,
-        seed: int,
-        teacher: Path | None,
+        out: Path,
+        *,
+        updates: int | None = None,
+        minutes: float | None = None,
+        seed: int = 0,
+        teacher: Path | None = None,
+        **session: Unpack[Session],
     ) -> None:
-        super().__init__(out, budget, session)
+        """The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent
+        first; with `updates` alone equal arguments give equal agents.
+
+        With a `teacher`, the run of a reward model, its search is imitated instead of the expert: expert iteration,
+        from rewards and the rules of editing. `out`, signals and errors as for PPO, but an interrupted run saves no
+        agent.
+        """
+        super().__init__(out, Budget("updates", updates, minutes), session)
         self.counters: ImitationCounters = ImitationCounters()
         self._settings, self._recipe, self._seed, self._is_taught = settings, recipe, seed, teacher is not None
         played = train_tasks(settings, scratch=recipe.empty_starts > 0)
         tasks = played[settings.configuration]
         self._excluded = held_out_digests(settings.corpus)
         identity = {
-            "learner": KIND,
+            "learner": ImitationAgent.kind,
             "environment": settings.to_json(),
             "recipe": recipe.to_json(),
             "seed": seed,
@@ -196,7 +183,7 @@ class _Run(TrainingRun):
         entries = self._sample(solvable, recipe.statements)
         batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
         network.train()
-        with precision(self.device, reduced=True):
+        with precision(self.device):
             outputs = network(batch.inputs, batch.targets)
         parts = losses(outputs, batch)
         loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
@@ -289,7 +276,7 @@ class _Run(TrainingRun):
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> ImitationAgent:
-        """Tunes the stop rules on the held-out statements, and saves the agent."""
+        """The agent, with its stop rules tuned on the held-out statements."""
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():
@@ -316,9 +303,11 @@ class _Run(TrainingRun):
             supervision = f"rewards; search that knows the rules of editing, imitated (corpus {corpus})"
         elif self._recipe.pretraining:
             supervision += "; their programs and those of generated statements (pretraining)"
-        description = ModelDescription(KIND, VERSION, tuple(rules), supervision, self._recipe.to_json(), details)
-        self.save_agent(description, self._network.state_dict())
-        return ImitationAgent(self._network.eval(), rules, description)
+        description = ImitationAgent.describe(tuple(rules), supervision, self._recipe.to_json(), details)
+        return ImitationAgent(description, self._network.eval(), rules)
+
+
+train_imitation = training(Run)
 
 
 def learning_rate(recipe: ImitationRecipe, done: float) -> float:

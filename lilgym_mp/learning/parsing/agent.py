@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.planning import PlanPolicy
+from lilgym_mp.learning.common.program_network import ParserNetwork
 from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import Calibration, ProgramPlanner
-
-KIND = "parse-and-plan"
-VERSION = 1
 
 
 @dataclass(frozen=True)
 class ParseAndPlanAgent(Agent):
     """One parser for all configurations of the appearances it was trained on."""
 
+    kind, version = "parse-and-plan", 1
     description: ModelDescription
     parser: Parser
+
+    @classmethod
+    def of(cls, description: ModelDescription) -> ParseAndPlanAgent:
+        return cls(description, Parser.of(description.details))
+
+    @property
+    def network(self) -> ParserNetwork:
+        return self.parser.network
 
     def planner(self, settings: Settings) -> ProgramPlanner:
         """Raises AgentError for a configuration it does not play."""
@@ -35,7 +41,4 @@ class ParseAndPlanAgent(Agent):
         return PlanPolicy(self.planner(settings))
 
 
-def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
-    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    description, network = load_network(KIND, VERSION, path, device, lambda made: Parser.of(made.details).network)
-    return ParseAndPlanAgent(description, replace(Parser.of(description.details), network=network))
+load_agent = ParseAndPlanAgent.load

@@ -20,7 +20,6 @@ from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.optimisation import cosine_decay
 from lilgym_mp.learning.common.program_batches import (
     FINAL_GENERATED,
@@ -31,8 +30,8 @@ from lilgym_mp.learning.common.program_batches import (
 )
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable
-from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
-from lilgym_mp.learning.parsing.agent import KIND, VERSION, ParseAndPlanAgent
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
+from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import Forecast, ProgramPlanner, fit_calibration
@@ -66,15 +65,6 @@ class TrainingData(NamedTuple):
     held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
 
 
-def train_parser(corpus: str, recipe: ParserRecipe, out: Path, **session: Unpack[Session]) -> ParseAndPlanAgent:
-    """Trains one parser for all appearances in the corpus; saves and returns the agent.
-
-    Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers. `out`,
-    signals and errors as for `train_ppo`, but an interrupted run saves no agent.
-    """
-    return _Run.trained(out, Budget("updates", recipe.updates), session, corpus, recipe)
-
-
 def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     """Splits off the held-out examples, generates further ones and collects the vocabulary."""
     examples = corpus_examples(corpus)
@@ -106,18 +96,22 @@ def corpus_examples(corpus: str) -> list[Example]:
     return list(found)
 
 
-class _Run(TrainingRun):
-    """A run in memory; a step is one of the optimiser."""
+class Run(TrainingRun):
+    """A run that trains one parser for all appearances in a corpus."""
 
-    def __init__(self, out: Path, budget: Budget, session: Session, corpus: str, recipe: ParserRecipe) -> None:
-        super().__init__(out, budget, session)
+    def __init__(self, corpus: str, recipe: ParserRecipe, out: Path, **session: Unpack[Session]) -> None:
+        """Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers.
+
+        `out`, signals and errors as for PPO, but an interrupted run saves no agent.
+        """
+        super().__init__(out, Budget("updates", recipe.updates), session)
         self.counters = Counters()
         self._corpus, self._recipe = corpus, recipe
         if not self.resume:
             writable_directory(out)  # before the data takes its time
         self._data = data = load_training_data(corpus, recipe)
         identity = {
-            "learner": KIND,
+            "learner": ParseAndPlanAgent.kind,
             "corpus": corpus,
             "corpus_sha256": data.sha256,
             "held_out_sha256": data.held_out_sha256,
@@ -158,7 +152,7 @@ class _Run(TrainingRun):
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 
     def finish(self) -> ParseAndPlanAgent:
-        """Calibrates the parser and saves the agent."""
+        """The agent, with its parser calibrated."""
         data, recipe, corpus = self._data, self._recipe, self._corpus
         parser = Parser(self._network.eval(), data.vocabulary)
         predictions = [_prediction(parser, example) for example in data.held_out]
@@ -173,9 +167,11 @@ class _Run(TrainingRun):
             "cpu_seconds": round(self.seconds(), 1),
         }
         recorded = {"corpus": corpus, **recipe.to_json()}
-        description = ModelDescription(KIND, VERSION, configurations, supervision, recorded, details)
-        self.save_agent(description, self._network.state_dict())
+        description = ParseAndPlanAgent.describe(configurations, supervision, recorded, details)
         return ParseAndPlanAgent(description, parser)
+
+
+train_parser = training(Run)
 
 
 # Calibration on held-out statements

@@ -18,20 +18,16 @@ from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_co
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS, FactoredPolicy
 from lilgym_mp.learning.common.model import Model, SeparateCritic, WeightsError
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
-KIND = "ppo"
-VERSION = 2
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
 MAX_CACHED_BOXES = 50_000
-
-
 PRETRAINED = "lilgym_mp.contrib.pretrained"  # module of the paper's models, imported when one is used
 
 
@@ -98,23 +94,32 @@ class ModelPolicy(Policy):
 
 @dataclass(frozen=True)
 class PPOAgent(Agent):
-    """A trained model with its training environment."""
+    """A trained model, for its training environment."""
 
+    kind, version = "ppo", 2
     description: ModelDescription
     settings: Settings
-    model: Model
-    mask: bool
+    network: Model
+
+    @classmethod
+    def of(cls, description: ModelDescription) -> PPOAgent:
+        recipe, settings = PPORecipe.from_json(description.recipe), Settings.from_json(description.details["settings"])
+        appearance = make_appearance(settings.appearance, settings.grid)
+        return cls(description, settings, make_model(recipe, appearance, details=description.details["model"]))
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Raises AgentError for a configuration or grid it was not trained on."""
         check_configuration(self.description, settings)
         if settings.grid != self.settings.grid:
             raise AgentError(f"this agent was trained on the grid {self.settings.grid}, not {settings.grid}")
-        return ModelPolicy(self.model, mask=self.mask, sampled=sampled)
+        return ModelPolicy(self.network, mask=self.description.details["mask"], sampled=sampled)
 
     def box_transformers(self) -> Mapping[str, BoxTransformer]:
-        actor = self.model.actor if isinstance(self.model, SeparateCritic) else self.model
+        actor = self.network.actor if isinstance(self.network, SeparateCritic) else self.network
         return {SHARED: actor} if isinstance(actor, BoxTransformer) else super().box_transformers()
+
+
+load_agent = PPOAgent.load
 
 
 def describe(
@@ -136,17 +141,4 @@ def describe(
         "model": dict(model.details()),
         **statistics,
     }
-    return ModelDescription(KIND, VERSION, configurations, supervision, recipe.to_json(), details)
-
-
-def load_agent(path: Path, device: str = "auto") -> PPOAgent:
-    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-
-    def make(description: ModelDescription) -> Model:
-        recipe, settings = PPORecipe.from_json(description.recipe), Settings.from_json(description.details["settings"])
-        appearance = make_appearance(settings.appearance, settings.grid)
-        return make_model(recipe, appearance, details=description.details["model"])
-
-    description, model = load_network(KIND, VERSION, path, device, make)
-    settings, recipe = Settings.from_json(description.details["settings"]), PPORecipe.from_json(description.recipe)
-    return PPOAgent(description, settings, model, recipe.mask)
+    return PPOAgent.describe(configurations, supervision, recipe.to_json(), details)

@@ -49,7 +49,7 @@ class PPORecipe(UpdateRecipe):
     validate_every: int = setting(100_000, "steps between validations", 1)
     patience: int = setting(0, "stop after this many validations without improvement; 0: never")
     sampled: bool = setting(True, "sample actions in validation instead of greedy play")
-    reduced_precision: bool = setting(True, "compute in bfloat16 on CUDA, and pretrained models on CPUs with AMX")
+    reduced_precision: bool = setting(True, "compute in bfloat16 on CUDA, and pretrained models on CPUs with AVX-512")
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds or choices."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -21,8 +20,8 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-from lilgym_mp.learning.common.model_file import weights_digest
-from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.model_file import precision, weights_digest
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import (
     Experience,
@@ -33,7 +32,7 @@ from lilgym_mp.learning.common.update import (
     schedule,
     update,
 )
-from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe, make_model
+from lilgym_mp.learning.ppo.agent import PPOAgent, describe, make_model
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
@@ -72,47 +71,33 @@ class PPOCounters(Counters):
     episodes: int = 0
 
 
-def train_ppo(
-    settings: Settings,
-    recipe: PPORecipe,
-    out: Path,
-    *,
-    steps: int,
-    recipe_name: str = "ours",
-    weights: Path | None = None,
-    evaluate_every: int | None = None,
-    **session: Unpack[Session],
-) -> PPOAgent:
-    """Trains for `steps` environment steps in total, rounded up to whole rollouts; saves and returns the agent.
-
-    `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
-    recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, at intervals
-    of that many steps, and at the end, without affecting training. With equal seed and threads an interrupted and
-    resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent after the current
-    rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError for an unusable
-    `out`, TrainingError when the loss is not finite, CorpusError for unusable data.
-    """
-    budget = Budget("steps", steps)
-    return Run.trained(out, budget, session, settings, recipe, recipe_name, weights, evaluate_every)
-
-
 class Run(TrainingRun):
-    """A run in memory; a step is a rollout with its updates."""
+    """A run of PPO; a step is a rollout with its updates."""
 
     saves_agent_early = reports_every_step = True
 
     def __init__(
         self,
-        out: Path,
-        budget: Budget,
-        session: Session,
         settings: Settings,
         recipe: PPORecipe,
-        recipe_name: str,
-        weights: Path | None,
-        evaluate_every: int | None,
+        out: Path,
+        *,
+        steps: int,
+        recipe_name: str = "ours",
+        weights: Path | None = None,
+        evaluate_every: int | None = None,
+        **session: Unpack[Session],
     ) -> None:
-        super().__init__(out, budget, session)
+        """Trains for `steps` environment steps in total, rounded up to whole rollouts.
+
+        `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same
+        settings, recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the
+        start, at intervals of that many steps, and at the end, without affecting training. With equal seed and threads
+        an interrupted and resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent
+        after the current rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError
+        for an unusable `out`, TrainingError when the loss is not finite, CorpusError for unusable data.
+        """
+        super().__init__(out, Budget("steps", steps), session)
         self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
@@ -120,7 +105,7 @@ class Run(TrainingRun):
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)
         identity = {
-            "learner": KIND,
+            "learner": PPOAgent.kind,
             "environment": settings.to_json(),
             "recipe_name": recipe_name,
             "recipe": recipe.to_json(),
@@ -201,12 +186,8 @@ class Run(TrainingRun):
         return Experience(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self.device)
 
     def _precision(self) -> Any:
-        is_faster = self.device.type == "cuda"
-        if self.recipe.model in TRANSFORMERS and hasattr(torch.cpu, "get_capabilities"):  # of newer torch
-            is_faster |= torch.cpu.get_capabilities().get("amx_bf16", False)
-        if self.recipe.reduced_precision and is_faster:
-            return torch.autocast(self.device.type, torch.bfloat16)
-        return nullcontext()
+        is_worth_it = self.device.type == "cuda" or self.recipe.model in TRANSFORMERS
+        return precision(self.device, reduced=self.recipe.reduced_precision and is_worth_it)
 
     def _progress(self, mean: Losses, start_seconds: float) -> Progress:
         statistics, self._collector.statistics = self._collector.statistics, EpisodeStatistics()
@@ -274,6 +255,8 @@ class Run(TrainingRun):
         description = describe(
             self._settings, self.recipe, self._recipe_name, self.configurations, self.model, statistics
         )
-        self.save_agent(description, self.model.state_dict())
         self._collector.close()
-        return PPOAgent(description, self._settings, self.model.eval(), self.recipe.mask)
+        return PPOAgent(description, self._settings, self.model.eval())
+
+
+train_ppo = training(Run)

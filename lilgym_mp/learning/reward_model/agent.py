@@ -17,7 +17,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable, InputReader
 from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
@@ -25,9 +25,6 @@ from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.search import Judge, SearchPlanner, mean_probabilities
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array
-
-KIND = "reward-model"
-VERSION = 1
 
 
 def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, appearance: str) -> ModulatedNetwork:
@@ -41,15 +38,20 @@ def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, appearance: 
 class RewardModelAgent(Agent):
     """One model for both starts of an appearance."""
 
+    kind, version = "reward-model", 1
+    teaches: ClassVar[bool] = True
     description: ModelDescription
     recipe: RewardModelRecipe
     network: ModulatedNetwork
     vocabulary: Vocabulary
-    teaches: ClassVar[bool] = True
+    appearance: str
 
-    @property
-    def appearance(self) -> str:
-        return CONFIGURATIONS[self.description.configurations[0]][0]
+    @classmethod
+    def of(cls, description: ModelDescription) -> RewardModelAgent:
+        recipe = RewardModelRecipe.from_json(description.recipe)
+        vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
+        appearance, _ = CONFIGURATIONS[description.configurations[0]]
+        return cls(description, recipe, make_network(recipe, vocabulary, appearance), vocabulary, appearance)
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect. Raises AgentError for another configuration."""
@@ -101,14 +103,6 @@ class RewardModelVerifier:
 
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
     """The agent in a model file; it plays on the CPU. Raises ModelFileError naming the file and what is wrong."""
-
-    def parts(description: ModelDescription) -> tuple[RewardModelRecipe, Vocabulary]:
-        vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
-        return RewardModelRecipe.from_json(description.recipe), vocabulary
-
-    def make(description: ModelDescription) -> ModulatedNetwork:
-        return make_network(*parts(description), CONFIGURATIONS[description.configurations[0]][0])
-
-    description, network = load_network(KIND, VERSION, path, device, make)
-    recipe, vocabulary = parts(description)
-    return RewardModelAgent(description, recipe, network.cpu(), vocabulary)
+    agent = RewardModelAgent.load(path, device)
+    agent.network.cpu()
+    return agent

@@ -1,4 +1,4 @@
-"""Training of a reward model: data collection, optimisation, checkpoints. Start reading at `train_reward_model`."""
+"""Training of a reward model: data collection, optimisation, checkpoints."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, sample_scenes
-from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
-from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
 from lilgym_mp.learning.common.words import vocabulary_of
-from lilgym_mp.learning.reward_model.agent import KIND, VERSION, RewardModelAgent, make_network
+from lilgym_mp.learning.reward_model.agent import RewardModelAgent, make_network
 from lilgym_mp.learning.reward_model.features import BoxTable, Columns, InputReader
 from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
@@ -66,42 +65,32 @@ class RewardModelCounters(Counters):
     labels: int = 0  # labelled scenes trained on
 
 
-def train_reward_model(
-    settings: Settings,
-    recipe: RewardModelRecipe,
-    out: Path,
-    *,
-    updates: int | None = None,
-    minutes: float | None = None,
-    seed: int = 0,
-    **session: Unpack[Session],
-) -> RewardModelAgent:
-    """Trains an agent, saves it as `out`/agent.safetensors and returns it.
+class Run(TrainingRun):
+    """A run that trains a reward model."""
 
-    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
-    with `updates` alone equal arguments give equal agents. `out`, signals and errors as for `train_ppo`, but an
-    interrupted run saves no agent.
-    """
-    return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed)
-
-
-class _Run(TrainingRun):
     def __init__(
         self,
-        out: Path,
-        budget: Budget,
-        session: Session,
         settings: Settings,
         recipe: RewardModelRecipe,
-        seed: int,
+        out: Path,
+        *,
+        updates: int | None = None,
+        minutes: float | None = None,
+        seed: int = 0,
+        **session: Unpack[Session],
     ) -> None:
-        super().__init__(out, budget, session)
+        """The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent
+        first; with `updates` alone equal arguments give equal agents.
+
+        `out`, signals and errors as for PPO, but an interrupted run saves no agent.
+        """
+        super().__init__(out, Budget("updates", updates, minutes), session)
         self.counters: RewardModelCounters = RewardModelCounters()
         self._settings, self._recipe, self._seed = settings, recipe, seed
         played = train_tasks(settings)
         self._configurations = tuple(played)
         identity = {
-            "learner": KIND,
+            "learner": RewardModelAgent.kind,
             "environment": settings.to_json(),
             "recipe": recipe.to_json(),
             "seed": seed,
@@ -262,7 +251,7 @@ class _Run(TrainingRun):
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> RewardModelAgent:
-        """Saves the averaged network as the agent."""
+        """The averaged network as an agent."""
         corpus, vocabulary = self._settings.corpus, self._reader.vocabulary
         supervision = f"rewards; knows the rules of editing (corpus {corpus})"
         details = {
@@ -276,10 +265,12 @@ class _Run(TrainingRun):
             "cpu_minutes": self.minutes(),
             "held_out_accuracy": self._held_out_accuracy(),
         }
-        recipe = self._recipe.to_json()
-        description = ModelDescription(KIND, VERSION, self._configurations, supervision, recipe, details)
-        self.save_agent(description, self._averaged.state_dict())
-        return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
+        recipe = self._recipe
+        description = RewardModelAgent.describe(self._configurations, supervision, recipe.to_json(), details)
+        return RewardModelAgent(description, recipe, self._averaged.cpu(), vocabulary, self._settings.appearance)
+
+
+train_reward_model = training(Run)
 
 
 def _accuracy(logits: Tensor, truths: Tensor) -> float:

@@ -28,7 +28,6 @@ from lilgym_mp.envs.proposer_verifier import (
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.commands import resumed
-from lilgym_mp.learning.common.run import Budget, Session
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
@@ -236,10 +235,9 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
-    budget, session = Budget("steps", 64), Session(device="cpu")
-    run = Run(tmp_path / "game", budget, session, JOINT, SMALL, {}, tmp_path / "single")
+    run = Run(JOINT, SMALL, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
     own = run.networks["shared"].state_dict()
-    assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
+    assert all(torch.equal(tensor, own[name]) for name, tensor in agent.network.state_dict().items())
 
 
 # Invalid input

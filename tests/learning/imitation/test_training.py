@@ -11,9 +11,10 @@ import torch
 
 from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
+from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.imitation import training
-from lilgym_mp.learning.imitation.agent import ImitationAgent, precision
+from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.training import train_imitation
@@ -124,5 +125,5 @@ def test_precision__is_reduced_only_where_that_is_faster(
     capability: str, dtype: torch.dtype, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
-    with precision(torch.device("cpu"), reduced=True):
+    with precision(torch.device("cpu")):
         assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == dtype

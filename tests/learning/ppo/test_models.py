@@ -194,18 +194,18 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
 
 
-@pytest.mark.parametrize("has_amx", [False, True])
-def test_pretrained__is_trained_in_bfloat16_on_cpus_with_amx(
-    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch, has_amx: bool
+@pytest.mark.parametrize("capability", ["AVX2", "AVX512"])
+def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(
+    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capability: str
 ):
-    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": has_amx}, raising=False)
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
     weights: list[torch.Tensor] = []
     for reduced in (False, True):
         recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", reduced_precision=reduced, **SHORT)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(reduced)
         train_ppo(settings, recipe, out, steps=8, weights=tiny["bert"], device="cpu")
         weights.append(load_file(out / "agent.safetensors")["actor.image.weight"])
-    assert torch.equal(*weights) == (not has_amx)
+    assert torch.equal(*weights) == (capability == "AVX2")
 
 
 @pytest.mark.parametrize(("name", "millions"), [("c3-bert", 2.59), ("c10-bert", 3.05)])

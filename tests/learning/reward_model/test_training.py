@@ -139,10 +139,10 @@ def test_training__survives_a_search_that_begins_a_new_box_table(
 
 
 def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    step = training._Run._step
+    step = training.Run._step
     done: list[int] = []
 
-    def interrupted(run: training._Run) -> tuple[float, float]:
+    def interrupted(run: training.Run) -> tuple[float, float]:
         done.append(1)
         if len(done) == 8:
             signal.raise_signal(signal.SIGINT)
@@ -151,7 +151,7 @@ def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatc
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe, out = small_recipe(settings), tmp_path / "run"
     with monkeypatch.context() as patched:
-        patched.setattr(training._Run, "_step", interrupted)
+        patched.setattr(training.Run, "_step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train_reward_model(settings, recipe, out, updates=20)
     agent = train_reward_model(settings, recipe, out, updates=20, resume=True)
