@@ -49,11 +49,6 @@ def test_recolourable__only_if_statement_and_program_name_the_same_colours(state
     assert recolourable("There is a black one, and back there a blue block.", NOT_BLACK.program)
 
 
-def test_recolouring__must_be_a_permutation():
-    with pytest.raises(ValueError, match="colours must be a permutation of"):
-        Recolouring((Y, Y, B))
-
-
 def check_truths(corpus: str, split: str, step: int, count: int) -> int:
     """Asserts that truth values follow every recolouring of a corpus's tasks; returns how many are recolourable."""
     rng, found = np.random.default_rng(3), 0

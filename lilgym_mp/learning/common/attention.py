@@ -13,7 +13,8 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
-from lilgym_mp.learning.common.words import MAX_WORDS, MIN_PADDED_WORDS
+MAX_WORDS = 64  # longer statements are truncated
+MIN_PADDED_WORDS = 16  # padded length of a batch of statements: softmax is slow over fewer
 
 
 class StatementEncodings(NamedTuple):

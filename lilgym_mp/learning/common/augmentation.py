@@ -29,11 +29,6 @@ class Recolouring:
 
     colours: tuple[Colour, ...] = tuple(Colour)  # colours[c] replaces colour c
 
-    def __post_init__(self) -> None:
-        """Raises ValueError for colours that are not a permutation."""
-        if sorted(self.colours) != sorted(Colour):
-            raise ValueError(f"colours must be a permutation of {tuple(map(int, Colour))}, not {self.colours!r}")
-
     def text(self, text: str) -> str:
         """The statement or program with new colours, in the letter case of the old ones."""
         return _COLOUR.sub(self._renamed, text)

@@ -19,6 +19,8 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.common.attention import (
+    MAX_WORDS,
+    MIN_PADDED_WORDS,
     Attention,
     Feedforward,
     Packing,
@@ -29,7 +31,6 @@ from lilgym_mp.learning.common.attention import (
 from lilgym_mp.learning.common.factored_policy import box_cells, joint_factorisation
 from lilgym_mp.learning.common.model import Model, Prediction
 from lilgym_mp.learning.common.states import PATCH_BYTES, PATCHES, States, distinct
-from lilgym_mp.learning.common.words import MAX_WORDS, MIN_PADDED_WORDS
 from lilgym_mp.scene import BOX_COUNT, Colour
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance, Grid

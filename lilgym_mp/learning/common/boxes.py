@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +53,6 @@ class BoxIndex:
 class FeatureTable(BoxIndex, ABC):
     """A growing table of distinct boxes with arrays of their features, computed once per box; K items fit in a box."""
 
-    item_axes: ClassVar[Mapping[str, int]]  # by name of an array: the number of axes of items after the first axis
-
     def __init__(self, item_capacity: int, appearance: str | None = None) -> None:
         super().__init__(appearance)
         self.item_capacity = item_capacity
@@ -62,22 +60,19 @@ class FeatureTable(BoxIndex, ABC):
 
     @abstractmethod
     def columns(self, boxes: Sequence[Box], items: NDArray[np.int64]) -> Mapping[str, NDArray[Any]]:
-        """The arrays' rows, by name, of new boxes, which hold these items (n, K, 5)."""
+        """The rows of the arrays, which are attributes, by name, of boxes that hold these items (n, K, 5)."""
 
     def update_features(self) -> None:
         """Computes the features of boxes added since the last call; call it before reading the arrays."""
         new = self.boxes[self._updated :]
         if not new:
             return
-        self._updated = len(self.boxes)
-        extra = max(0, max(len(box.items) for box in new) - self.item_capacity)
-        self.item_capacity += extra
+        most = max(len(box.items) for box in new)
+        if most > self.item_capacity:  # all anew, in larger arrays
+            self.item_capacity, self._updated, new = most, 0, self.boxes
         for name, rows in self.columns(new, item_arrays(new, self.item_capacity)).items():
-            known = getattr(self, name)
-            if extra:
-                axes = range(1, 1 + self.item_axes.get(name, 0))
-                known = np.pad(known, [(0, extra if axis in axes else 0) for axis in range(known.ndim)])
-            setattr(self, name, np.concatenate([known, rows]))
+            setattr(self, name, np.concatenate([getattr(self, name), rows]) if self._updated else rows)
+        self._updated = len(self.boxes)
 
 
 def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:

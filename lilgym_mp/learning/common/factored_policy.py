@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
-from lilgym_mp.scene.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance, Grid
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.scene.arrays import Float32Array, Float64Array, Int64Array
@@ -33,7 +33,7 @@ class Head(NamedTuple):
     types: tuple[ActionType, ...]  # action types that use the argument
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Factorisation:
     """The mapping between an appearance's actions and the choices of the heads."""
 
@@ -51,16 +51,13 @@ class Factorisation:
         for action_type in (ActionType.ADD, ActionType.REMOVE):
             rows = np.flatnonzero(types == action_type)
             used = tuple(index for index, head in enumerate(self.heads) if action_type in head.types)
-            actions[rows] = _table(self, action_type, used)[tuple(choices[index][rows] for index in used)]
+            actions[rows] = edit_actions(self, action_type, used)[tuple(choices[index][rows] for index in used)]
         return actions
-
-    def __hash__(self) -> int:
-        return id(self)
 
 
 @cache
-def _table(factorisation: Factorisation, action_type: ActionType, used: tuple[int, ...]) -> Int64Array:
-    """Lookup table from the choices of the heads `used` by the type to the action index."""
+def edit_actions(factorisation: Factorisation, action_type: ActionType, used: tuple[int, ...]) -> Int64Array:
+    """The action index of each edit of a type, by the choices of the heads `used` by it."""
     table = np.empty([factorisation.heads[index].size for index in used], np.int64)
     actions = np.flatnonzero(factorisation.types == action_type)
     table[tuple(factorisation.choices[actions, index] for index in used)] = actions
@@ -70,18 +67,22 @@ def _table(factorisation: Factorisation, action_type: ActionType, used: tuple[in
 _EDITS = (ActionType.ADD, ActionType.REMOVE)
 
 
+def _arrays(appearance: Appearance) -> Int64Array:
+    """(actions, 1 + slots) the type of each action and its slots in the released array form, UNUSED or not."""
+    indices = range(appearance.action_count)
+    return np.array([appearance.to_array(appearance.decode(index)) for index in indices], np.int64)
+
+
 @cache
 def slot_factorisation(appearance: Appearance) -> Factorisation:
     """One head per slot of the released array form; ADD and REMOVE share the position heads, as in the release.
 
     Tower: box 3, colour 3. Scatter on the released grid: x 19, y 5, shape 3, colour 3, size 3.
     """
-    count = appearance.action_count
-    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(count)], np.int64)
-    types, choices = arrays[:, 0], arrays[:, 1:]
+    types, choices = np.split(_arrays(appearance), [1], 1)
     used = [[edit for edit in _EDITS if edit in types[column != UNUSED]] for column in choices.T]
     heads = (Head(1 + int(column.max()), tuple(edits)) for column, edits in zip(choices.T, used, strict=True))
-    return Factorisation(tuple(heads), types, choices)
+    return Factorisation(tuple(heads), types[:, 0], choices)
 
 
 @cache
@@ -91,41 +92,31 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
     A Tower box is a single cell with three item types, its colours. Scatter's cells on separators, where no edit is
     ever legal, come after the others with `separators`, and have probability 0 without.
     """
-    count = appearance.action_count
-    pairs = [_joint_choice(appearance, appearance.decode(index)) for index in range(count)]
-    types, chosen = (np.array(column, np.int64) for column in zip(*pairs, strict=True))
-    if appearance.grid is not None and not separators:
-        rows, columns, _ = box_cells(appearance.grid)
-        options = np.array([1, len(ITEM_TYPES), 1])[types]  # of a cell
-        types[chosen >= BOX_COUNT * rows * columns * options] = UNUSED
-    choices = np.stack([np.where(types == edit, chosen, UNUSED) for edit in _EDITS], 1)
+    types, *slots = _arrays(appearance).T
+    if appearance.grid is None:
+        cells, item_types = slots
+        item_type_count = len(Colour)
+    else:
+        columns, rows, *item = slots
+        cells, item_types = _cells(appearance.grid, columns, rows), item_type_of(*item)
+        item_type_count = len(ITEM_TYPES)
+        if not separators:
+            height, width, _ = box_cells(appearance.grid)
+            in_box = cells < BOX_COUNT * height * width
+            types = np.where(in_box | (types == ActionType.STOP), types, UNUSED)
+    chosen = {ActionType.ADD: cells * item_type_count + item_types, ActionType.REMOVE: cells}
+    choices = np.stack([np.where(types == edit, chosen[edit], UNUSED) for edit in _EDITS], 1)
     heads = (Head(1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
     return Factorisation(tuple(heads), types, choices)
 
 
-def _joint_choice(appearance: Appearance, action: Action) -> tuple[int, int]:
-    """The type and its head's choice."""
-    match action:
-        case AddBlock(box, colour):
-            return ActionType.ADD, box * len(Colour) + colour
-        case RemoveBlock(box):
-            return ActionType.REMOVE, box
-        case AddItem(column, row, shape, colour, size):
-            cell = _cell(appearance, column, row)
-            return ActionType.ADD, cell * len(ITEM_TYPES) + item_type_of(shape, colour, size)
-        case RemoveItem(column, row):
-            return ActionType.REMOVE, _cell(appearance, column, row)
-        case _:
-            return ActionType.STOP, UNUSED
-
-
-def _cell(appearance: Appearance, column: int, row: int) -> int:
-    """The cell's index, by box, then row-major; those on separators come last."""
-    assert appearance.grid is not None
-    rows, columns, pitch = box_cells(appearance.grid)
-    box, box_column = divmod(column, pitch)
-    first, width = (0, columns) if box_column < columns else (BOX_COUNT * rows * columns, pitch - columns)
-    return first + (box * rows + row) * width + box_column % columns
+def _cells(grid: Grid, columns: Int64Array, rows: Int64Array) -> Int64Array:
+    """The cells' indices, by box, then row-major; those on separators come last."""
+    height, width, pitch = box_cells(grid)
+    boxes, columns = np.divmod(columns, pitch)
+    in_box = (boxes * height + rows) * width + columns
+    on_separator = BOX_COUNT * height * width + (boxes * height + rows) * (pitch - width) + columns - width
+    return np.where(columns < width, in_box, on_separator)
 
 
 def box_cells(grid: Grid) -> tuple[int, int, int]:
@@ -206,22 +197,22 @@ class FactoredPolicy:
         """(N,) sampled action indices."""
         count = len(self.type_log_probs)
         if self._masked is not None:
-            return _sample(_array(self._masked), rng.random(count))
-        types = _sample(_array(self.type_log_probs), rng.random(count))
+            return _sample(as_numpy(self._masked), rng.random(count))
+        types = _sample(as_numpy(self.type_log_probs), rng.random(count))
         choices: list[Int64Array] = []
         for head, logits in zip(self.factorisation.heads, self._heads, strict=True):
             sampled, uniforms = np.zeros(count, np.int64), rng.random(count)
             used = np.isin(types, head.types)
-            sampled[used] = _sample(_array(logits)[used], uniforms[used])
+            sampled[used] = _sample(as_numpy(logits)[used], uniforms[used])
             choices.append(sampled)
         return self.factorisation.actions(types, choices)
 
     def greedy(self) -> Int64Array:
         """(N,) the most probable type with its most probable arguments; if masked, the most probable legal action."""
         if self._masked is not None:
-            return _array(self._masked).argmax(1)
+            return as_numpy(self._masked).argmax(1)
         return self.factorisation.actions(
-            _array(self.type_log_probs).argmax(1), [_array(logits).argmax(1) for logits in self._heads]
+            as_numpy(self.type_log_probs).argmax(1), [as_numpy(logits).argmax(1) for logits in self._heads]
         )
 
     def stop_probability(self) -> Tensor:
@@ -240,7 +231,7 @@ def _entropy(log_probabilities: Tensor) -> Tensor:
     return -(log_probabilities.exp() * finite).sum(1)
 
 
-def _array(tensor: Tensor) -> Float32Array:
+def as_numpy(tensor: Tensor) -> Float32Array:
     return tensor.detach().float().cpu().numpy()
 
 

@@ -11,14 +11,7 @@ import numpy as np
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.learning.common.boxes import BoxIndex, box_distances
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import (
-    BOX_COUNT,
-    BOX_PITCH,
-    BOX_SIDE,
-    IMAGE_HEIGHT,
-    IMAGE_WIDTH,
-    Scene,
-)
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
@@ -32,12 +25,11 @@ CLIMB_WIDTH = 12  # random edits, of which one is made
 LONGEST_BUILD = 10  # edits from the empty scene
 
 
-class Known(NamedTuple):
-    """A labelled scene, and how it is reached."""
+class Way(NamedTuple):
+    """How a scene is reached."""
 
     task: int  # index in the entry's tasks, from whose start
     edits: int
-    truth: bool
 
 
 @dataclass
@@ -47,11 +39,20 @@ class Entry:
     statement: str
     tasks: list[Task] = field(default_factory=list[Task])
     scenes: list[Boxes] = field(default_factory=list[Boxes])
-    known: list[Known] = field(default_factory=list[Known])  # parallel to `scenes`
+    truths: list[bool] = field(default_factory=list[bool])  # in these scenes
+    ways: list[Way] = field(default_factory=list[Way])  # to these scenes
     pairs: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # one edit apart, true and false
     index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
-    starts: Int64Array = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # of the tasks, once needed
+    start_boxes: Int64Array = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # of the tasks, once needed
     by_truth: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
+
+    def add(self, boxes: Boxes, *, truth: bool) -> int:
+        """Adds a labelled scene, and returns its index."""
+        index = self.index[boxes] = len(self.scenes)
+        self.scenes.append(boxes)
+        self.truths.append(truth)
+        self.by_truth[truth].append(index)
+        return index
 
     def random_task(self, rng: Rng) -> int:
         """The index of a task: of those from the empty scene as often as of the others, if there are both."""
@@ -94,20 +95,16 @@ class Collector:
         outcome = self.dynamics.step(State(task, scene, edits), STOP).outcome
         self.stops += 1
         self.steps += edits + 1
-        truth = task.target == (outcome is Outcome.SUCCESS)
-        found = entry.index[boxes] = len(entry.scenes)
-        entry.scenes.append(boxes)
-        entry.known.append(Known(task_index, edits, truth))
-        entry.by_truth[truth].append(found)
-        return found
+        entry.ways.append(Way(task_index, edits))
+        return entry.add(boxes, truth=task.target == (outcome is Outcome.SUCCESS))
 
     def _nearest(self, entry: Entry, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
         """In Tower, the task whose start the scene is nearest to, and the edits between them."""
         if self.dynamics.appearance.grid is not None:
             return task_index, edits
-        if len(entry.starts) != len(entry.tasks):
-            entry.starts = np.array([self.table.of(task.start) for task in entry.tasks])
-        distances = box_distances()[entry.starts, boxes].sum(1)
+        if len(entry.start_boxes) != len(entry.tasks):
+            entry.start_boxes = np.array([self.table.of(task.start) for task in entry.tasks])
+        distances = box_distances()[entry.start_boxes, boxes].sum(1)
         nearest = int(distances.argmin())
         return (nearest, int(distances[nearest])) if distances[nearest] < edits else (task_index, edits)
 
@@ -122,7 +119,7 @@ class Collector:
     def _walk(self, entry: Entry, enough: int) -> None:
         rng = self.rng
         index = self.begin(entry)
-        task_index, edits, _ = entry.known[index]
+        task_index, edits = entry.ways[index]
         scene = self.table.scene(entry.scenes[index])
         is_build = not any(box.items for box in scene.boxes)
         for _ in range(rng.integers(1, (LONGEST_BUILD if is_build else LONGEST_WALK) + 1)):
@@ -134,7 +131,7 @@ class Collector:
             scene, edits, before = after, edits + 1, index
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)
-            task_index, edits, _ = entry.known[index]
+            task_index, edits = entry.ways[index]
 
     def begin(self, entry: Entry) -> int:
         """The index of a known scene, or of a start."""
@@ -157,29 +154,25 @@ class Collector:
         current = [self.begin(entry) for entry in entries]
         wanted = rng.integers(2, size=len(entries)).astype(bool)
         for _ in range(CLIMB_LENGTH):
-            found = [
-                [self.edited(scene) or scene for _ in range(CLIMB_WIDTH)]
-                for scene in (
-                    self.table.scene(entry.scenes[index]) for entry, index in zip(entries, current, strict=True)
-                )
-            ]
+            scenes = [self.table.scene(entry.scenes[index]) for entry, index in zip(entries, current, strict=True)]
+            found = [[self.edited(scene) or scene for _ in range(CLIMB_WIDTH)] for scene in scenes]
             best = np.where(wanted[:, None], 1, -1) * judge(found)
             for row, choice in enumerate(best.argmax(1).tolist()):
                 entry, before = entries[row], current[row]
-                task_index, edits, _ = entry.known[before]
+                task_index, edits = entry.ways[before]
                 if edits + 1 >= self.dynamics.horizon:
                     current[row] = self.begin(entry)
                     continue
                 after = current[row] = self.stop(entry, task_index, found[row][choice], edits + 1)
                 self._compare(entry, before, after)
-                wanted[row] ^= entry.known[after].truth == wanted[row]
+                wanted[row] ^= entry.truths[after] == wanted[row]
 
     def follow(self, entry: Entry, index: int, actions: Sequence[Action]) -> list[int]:
         """Plays a plan from a known scene, and stops in each of its scenes, in an episode of its own.
 
         Returns the indices of these scenes.
         """
-        task_index, edits, _ = entry.known[index]
+        task_index, edits = entry.ways[index]
         state = State(entry.tasks[task_index], self.table.scene(entry.scenes[index]), edits)
         indices = [index]
         for action in actions[:-1]:
@@ -191,8 +184,8 @@ class Collector:
     @staticmethod
     def _compare(entry: Entry, before: int, after: int) -> None:
         """Notes two scenes, one edit apart, if one is true and the other false."""
-        if entry.known[before].truth != entry.known[after].truth:
-            entry.pairs.append((before, after) if entry.known[before].truth else (after, before))
+        if entry.truths[before] != entry.truths[after]:
+            entry.pairs.append((before, after) if entry.truths[before] else (after, before))
 
     def edited(self, scene: Scene) -> Scene | None:
         """The scene after a random legal edit: an ADD or a REMOVE; None if none was found."""

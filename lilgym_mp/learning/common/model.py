@@ -9,7 +9,6 @@ from torch import Tensor, nn
 
 from lilgym_mp.learning.common.factored_policy import Factorisation
 from lilgym_mp.learning.common.states import States
-from lilgym_mp.scene.arrays import Float32Array
 
 
 class WeightsError(ValueError):
@@ -73,7 +72,3 @@ class SeparateCritic(Model):
     @property
     def frozen_parameters(self) -> int:
         return self.actor.frozen_parameters
-
-
-def as_numpy(tensor: Tensor) -> Float32Array:
-    return tensor.detach().float().cpu().numpy()

@@ -114,16 +114,12 @@ def weights_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-class DeviceError(ValueError):
-    """A device this machine does not have."""
-
-
 def select_device(name: str) -> torch.device:
-    """The device of that name; "auto" is CUDA if available, else the CPU. Raises ValueError naming the choices."""
+    """The device of that name; "auto" is CUDA if available, else the CPU. Raises ValueError."""
     name = choose("device", name, DEVICES)
     available = torch.cuda.is_available()
     if name == "cuda" and not available:
-        raise DeviceError("device cuda was requested, but PyTorch finds no CUDA device here; choose cpu or auto")
+        raise ValueError("device cuda was requested, but PyTorch finds no CUDA device here; choose cpu or auto")
     return torch.device("cuda" if name != "cpu" and available else "cpu")
 
 

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.learning.common.run_directory import TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingRunError
 
 
 def optimise(
@@ -19,7 +19,7 @@ def optimise(
 ) -> None:
     """Takes a step at a learning rate (None: the one before), with the gradient clipped to a norm.
 
-    `parts` as in `check_finite`. Raises TrainingError.
+    `parts` as in `check_finite`. Raises TrainingRunError.
     """
     check_finite(loss, **parts)
     if learning_rate is not None:
@@ -38,10 +38,10 @@ def cosine_decay(done: float, lowest: float = 0.0) -> float:
 
 
 def check_finite(loss: Tensor, **parts: Tensor) -> None:
-    """Raises TrainingError if the loss is not finite, with the `parts` that it adds up."""
+    """Raises TrainingRunError if the loss is not finite, with the `parts` that it adds up."""
     if not torch.isfinite(loss):
         listed = ", ".join(f"{name} {value.item():g}" for name, value in parts.items())
-        raise TrainingError(
+        raise TrainingRunError(
             f"the loss is not finite{listed and f' ({listed})'}; try a lower learning-rate: with --resume from the last"
             " checkpoint, or in another directory"
         )

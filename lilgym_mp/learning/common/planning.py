@@ -17,8 +17,6 @@ from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.render import draw
 
-MAX_CACHED_EPISODES = 4096
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -99,8 +97,6 @@ class PlanPolicy(Policy):
         action, *rest = episode_plan.actions
         if not rest:
             return
-        if len(self._episode_plans) >= MAX_CACHED_EPISODES:
-            self._episode_plans.clear()
         dynamics = self.planner.dynamics
         scene = dynamics.appearance.apply(episode_plan.scene, action, dynamics.rules.placement).scene
         self._episode_plans[episode] = _EpisodePlan(rest, scene, episode_plan.plan)

@@ -17,7 +17,7 @@ from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import Pair, normalise_statement, pair_of, slots_of, varied
 from lilgym_mp.learning.common.recipes import PairRecipe
-from lilgym_mp.learning.common.run_directory import TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.common.words import pad_rows
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
@@ -44,7 +44,7 @@ class ExamplePool:
         return len(self._examples)
 
     def sample(self, rng: random.Random) -> Pair:
-        """A random pair. Raises TrainingError when no example has a program the parser can write."""
+        """A random pair. Raises TrainingRunError when no example has a program the parser can write."""
         while self._examples:
             index = rng.randrange(len(self._examples))
             found = self._examples[index]
@@ -54,7 +54,7 @@ class ExamplePool:
                 return pair
             self._examples[index] = self._examples[-1]  # its program has no prefix form or too many tokens
             del self._examples[-1]
-        raise TrainingError("no training data: no statement has a program that the parser can write")
+        raise TrainingRunError("no training data: no statement has a program that the parser can write")
 
 
 def _pair(example: Example, known: Collection[str]) -> Pair | None:
@@ -104,7 +104,7 @@ class ProgramTrainer:
         self._batches = self._sampled()
 
     def step(self, done: float, learning_rate: float, norm: float = 1.0) -> float:
-        """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises TrainingError.
+        """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises TrainingRunError.
 
         `done`: the training progress, 0 to 1. `norm`: the largest of the gradient.
         """

@@ -69,10 +69,6 @@ class Session(TypedDict, total=False):
     on_progress: Callable[[Any], object]  # is given each line of progress.jsonl
 
 
-def _ignore(given: object) -> None:
-    pass
-
-
 class TrainingRun(ABC):
     """A run in memory.
 
@@ -91,7 +87,8 @@ class TrainingRun(ABC):
         budget.check()
         self.budget, self.out, self.resume = budget, out, session.get("resume", False)
         self.device = select_device(session.get("device", "auto"))
-        self.say, self._on_progress = session.get("say", _ignore), session.get("on_progress", _ignore)
+        self.say = session.get("say", lambda text: None)
+        self._on_progress = session.get("on_progress", lambda line: None)
         self._start_seconds = cpu_seconds()
         self.stop = StopRequest()
 
@@ -106,7 +103,7 @@ class TrainingRun(ABC):
 
     @abstractmethod
     def step(self) -> Any:
-        """One step of the algorithm, with data collection when it is due. Raises TrainingError."""
+        """One step of the algorithm, with data collection when it is due. Raises TrainingRunError."""
 
     @abstractmethod
     def progress_line(self, recent: Sequence[Any]) -> Any:
@@ -172,30 +169,26 @@ class TrainingRun(ABC):
                 f" request more with {given}"
             )
 
-    def optimise(
-        self,
-        step: Callable[[], Any] | None = None,
-        progress_line: Callable[[Sequence[Any]], Any] | None = None,
-        until: float = 1.0,
-    ) -> None:
+    def optimise(self, step: Callable[[], Any] | None = None, until: float = 1.0) -> None:
         """Takes steps until a fraction of the budget is spent, or a stop is requested, and saves a checkpoint.
 
-        Raises TrainingRunError if the budget allows none, TrainingError if a loss is not finite.
+        Raises TrainingRunError if the budget allows none, or a loss is not finite.
         """
+        step = step or self.step
         recent: list[Any] = []
         saved = reported = self.seconds()
         with stop_on_signals() as self.stop:
             while not self.is_over() and self.progress() < until and not self.stop.requested:
-                recent.append((step or self.step)())
+                recent.append(step())
                 now = self.seconds()
                 if self.reports_every_step or now - reported >= REPORT_SECONDS:
-                    self._report((progress_line or self.progress_line)(recent))
+                    self._report(self.progress_line(recent))
                     recent, reported = [], now
                 if now - saved >= SAVE_SECONDS:
                     self.save()
                     saved = now
             if recent:
-                self._report((progress_line or self.progress_line)(recent))
+                self._report(self.progress_line(recent))
         if not self.spent() and self.is_over():
             raise TrainingRunError(
                 f"{self.budget.minutes:g} minutes were spent before the first update; give more minutes"

@@ -36,11 +36,7 @@ VALIDATIONS_FILE = "validations.jsonl"  # of PPO: on held-out tasks
 
 
 class TrainingRunError(ValueError):
-    """A directory that cannot be used as a training run, or holds a different one."""
-
-
-class TrainingError(ValueError):
-    """Training that cannot continue."""
+    """A run that cannot go on, or a directory that cannot be used as a run, or holds a different one."""
 
 
 @dataclass
@@ -139,15 +135,15 @@ def _read_run(path: Path) -> RunDirectory:
     file = path / RUN_FILE
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
-            raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
-        return RunDirectory(path, content["identity"], content.get("options", {}), content.get("made", {}))
+        found = content["format"], content["version"]
+        run = RunDirectory(path, dict(content["identity"]), content.get("options", {}), content.get("made", {}))
     except FileNotFoundError:
-        raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
-    except TrainingRunError:
-        raise
+        raise TrainingRunError(f"no training run in {path}: it has no {RUN_FILE}") from None
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise TrainingRunError(f"{file}: cannot be used: {error}") from None
+    if found != (FORMAT, VERSION):
+        raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
+    return run
 
 
 def shown(value: Any) -> str:

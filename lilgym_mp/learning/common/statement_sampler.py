@@ -51,6 +51,6 @@ class StatementSampler:
         group = env_id // self._group
         statement, left = self._left.get(group, (0, 0))
         if not left:
-            statement, left = self._draws.draw_statement(generator), self._episodes
+            statement, left = int(self._draws.draw_statements(1, generator)[0]), self._episodes
         self._left[group] = statement, left - 1
         return self.tasks[self._draws.draw_task(statement, generator)].id

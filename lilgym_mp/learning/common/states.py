@@ -54,9 +54,9 @@ class BoxImageTable:
     def __init__(self) -> None:
         self._boxes: dict[int, int] = {}  # hash -> index
         self._patches: dict[int, int] = {}
-        self._box_hashes = _GrowingArray(np.uint64)
-        self._patches_of = _GrowingArray(np.int64, PATCHES**2)
-        self._pixels = _GrowingArray(np.uint8, PATCH_BYTES)
+        self._box_hashes: list[UInt64Array] = []  # parts of arrays, joined when they are read
+        self._patches_of: list[Int64Array] = []
+        self._pixels: list[UInt8Array] = []
         self._padded = np.empty((0, 0), np.uint8)
         self._index_of_items: dict[int, int] = {}  # hash of an item array -> box index
 
@@ -74,8 +74,8 @@ class BoxImageTable:
         hashes = _hashes(self._padded)
         indices, new = _assign_indices(hashes, self._boxes)
         if len(new):
-            self._box_hashes.extend(hashes[new])
-            self._patches_of.extend(self._patch_indices(boxes[new]))
+            self._box_hashes.append(hashes[new])
+            self._patches_of.append(self._patch_indices(boxes[new]))
         return indices.reshape(-1, BOX_COUNT)
 
     def item_indices(self, items: Int16Array) -> Int64Array:
@@ -84,13 +84,12 @@ class BoxImageTable:
         padded = _padded(len(rows), rows[0].nbytes)
         padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
         hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
-        listed = hashes.tolist()
-        for position, item_hash in enumerate(listed):
-            if item_hash not in self._index_of_items:
-                scene = Scene.of(_items(rows[firsts[position]]), (), ())
-                self._index_of_items[item_hash] = int(self.indices(draw(scene, "half")[None])[0, 0])
-        indices = np.array([self._index_of_items[item_hash] for item_hash in listed], np.int64)
-        return indices[inverse].reshape(-1, BOX_COUNT)
+        known, listed = self._index_of_items, hashes.tolist()
+        for item_hash, row in zip(listed, firsts.tolist(), strict=True):
+            if item_hash not in known:
+                image = draw(Scene.of(_items(rows[row]), (), ()), "half")
+                known[item_hash] = int(self.indices(image[None])[0, 0])
+        return np.array([known[item_hash] for item_hash in listed], np.int64)[inverse].reshape(-1, BOX_COUNT)
 
     def _patch_indices(self, boxes: UInt8Array) -> Int64Array:
         """(U, 25) patch indices of box images (U, 50, 50, 3); new patches are added."""
@@ -100,7 +99,7 @@ class BoxImageTable:
         patches.reshape(cut.shape)[:] = cut
         hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
         indices, new = _assign_indices(hashes, self._patches)
-        self._pixels.extend(patches[firsts[new]])
+        self._pixels.append(patches[firsts[new]])
         return indices[inverse].reshape(-1, PATCHES**2)
 
     def states(
@@ -109,12 +108,12 @@ class BoxImageTable:
         """`statement_of` (N,) indexes `statements`, some of which may be unused."""
         statements_used, statement_of = distinct(statement_of, len(statements))
         boxes_used, boxes_of = distinct(boxes_of, len(self))
-        patches_used, patches_of = distinct(self._patches_of.rows[boxes_used], len(self._patches))
+        patches_used, patches_of = distinct(_joined(self._patches_of)[boxes_used], len(self._patches))
         return States(
             tuple(statements[index] for index in statements_used.tolist()),
-            self._pixels.rows[patches_used],
+            _joined(self._pixels)[patches_used],
             patches_of,
-            self._box_hashes.rows[boxes_used],
+            _joined(self._box_hashes)[boxes_used],
             statement_of,
             boxes_of,
             targets,
@@ -141,25 +140,11 @@ def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
     return np.flatnonzero(occurs), (occurs.cumsum() - 1)[indices]
 
 
-class _GrowingArray:
-    """Rows of one type and width in a buffer that grows by doubling."""
-
-    def __init__(self, dtype: Any, *width: int) -> None:
-        self._buffer = np.empty((64, *width), dtype)
-        self._count = 0
-
-    @property
-    def rows(self) -> Any:
-        return self._buffer[: self._count]
-
-    def extend(self, rows: Any) -> None:
-        last = self._count + len(rows)
-        if last > len(self._buffer):
-            larger = np.empty((max(last, 2 * len(self._buffer)), *rows.shape[1:]), rows.dtype)
-            larger[: self._count] = self.rows
-            self._buffer = larger
-        self._buffer[self._count : last] = rows
-        self._count = last
+def _joined(parts: list[Any]) -> Any:
+    """The array of these parts, which then are one."""
+    if len(parts) > 1:
+        parts[:] = [np.concatenate(parts)]
+    return parts[0]
 
 
 def _padded(count: int, size: int) -> UInt8Array:

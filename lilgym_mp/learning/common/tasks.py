@@ -124,24 +124,21 @@ class TaskSampler:
 
     def resample_statements(self, rng: np.random.Generator) -> None:
         """Samples a statement for every group; it applies to episodes started from now on."""
-        self.current = self._sample_statements(len(self.current), rng)
+        self.current = self.draw_statements(len(self.current), rng)
 
-    def _sample_statements(self, count: int, rng: np.random.Generator) -> Int64Array:
+    def draw_statements(self, count: int, rng: np.random.Generator) -> Int64Array:
+        """(count,) indices of statements."""
         indices = np.searchsorted(self._cumulative, rng.random(count), side="right")
         return np.minimum(indices, len(self.statements) - 1)
 
     def sample(self, env_ids: Int64Array, rng: np.random.Generator) -> list[int]:
         """The index of the next task for each of the environments."""
         if self._group == 1:  # a new statement for each episode
-            self.current[env_ids] = self._sample_statements(len(env_ids), rng)
+            self.current[env_ids] = self.draw_statements(len(env_ids), rng)
         sampled: list[int] = []
         for statement in self.current[env_ids // self._group].tolist():
             sampled.append(self.draw_task(statement, rng))
         return sampled
-
-    def draw_statement(self, rng: np.random.Generator) -> int:
-        """The index of a statement."""
-        return int(self._sample_statements(1, rng)[0])
 
     def draw_task(self, statement: int, rng: np.random.Generator) -> int:
         """The index of one of the statement's tasks."""

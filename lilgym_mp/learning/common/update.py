@@ -80,7 +80,7 @@ def update(
     entropy_coefficient: float,
     rng: np.random.Generator,
 ) -> list[Losses]:
-    """Optimises on the experience; returns the losses of each optimiser step. Raises TrainingError."""
+    """Optimises on the experience; returns the losses of each optimiser step. Raises TrainingRunError."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     steps: list[Losses] = []
     for _ in range(recipe.epochs):

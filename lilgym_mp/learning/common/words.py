@@ -1,25 +1,24 @@
-"""Statements as word indices. Imports no torch."""
+"""Statements as word indices."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import permutations
+from functools import lru_cache
 
 import numpy as np
 
 from lilgym_mp.corpus.spelling import normalised_words, plain_words
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
+from lilgym_mp.learning.common.attention import MAX_WORDS
+from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.arrays import Int64Array
 
-MAX_WORDS = 64  # longer statements are truncated
-MIN_PADDED_WORDS = 16  # padded length of a batch of statements: torch's softmax is slow over fewer
 CACHED_STATEMENTS = 20_000
 MAX_CHARACTERS = 1_000  # longer statements are truncated
 FEW_STATEMENTS = 100  # with more than this, a word that occurs in only one statement counts as a misspelling
 DIGITS = tuple(map(str, range(1, 10)))
-COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # identity first; colour c becomes order[c]
 
 
 def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
@@ -37,24 +36,21 @@ class StatementTokenizer:
         self.vocabulary = vocabulary
         self._known = frozenset(vocabulary.words)
         names = [colour.name.lower() for colour in Colour]
-        self._recoloured = exchange_table(
-            vocabulary, [{old: names[new] for old, new in zip(names, order, strict=True)} for order in COLOUR_ORDERS]
-        )
-        self._cache: dict[str, Int64Array] = {}
+        exchanges = [{name: recolouring.text(name) for name in names} for recolouring in RECOLOURINGS]
+        self._recoloured = exchange_table(vocabulary, exchanges)
+        self._encode = lru_cache(CACHED_STATEMENTS)(self._compute)
 
     def encode(self, statement: str) -> Int64Array:
         """(T,) word indices, 1 <= T <= MAX_WORDS."""
-        indices = self._cache.get(statement)
-        if indices is None:
-            words = normalised_words(statement[:MAX_CHARACTERS], self._known)[:MAX_WORDS]
-            indices = np.array([self.vocabulary.token_id(word) for word in words] or [UNKNOWN], np.int64)
-            if len(self._cache) < CACHED_STATEMENTS:
-                self._cache[statement] = indices
-        return indices
+        return self._encode(statement)
 
-    def recoloured(self, indices: Int64Array, order: int) -> Int64Array:
-        """The word indices with colour words permuted; `order`: an index into COLOUR_ORDERS."""
-        return self._recoloured[order][indices]
+    def _compute(self, statement: str) -> Int64Array:
+        words = normalised_words(statement[:MAX_CHARACTERS], self._known)[:MAX_WORDS]
+        return np.array([self.vocabulary.token_id(word) for word in words] or [UNKNOWN], np.int64)
+
+    def recoloured(self, indices: Int64Array, recolouring: int) -> Int64Array:
+        """The word indices with colour words permuted; `recolouring`: an index into RECOLOURINGS."""
+        return self._recoloured[recolouring][indices]
 
 
 def exchange_table(vocabulary: Vocabulary, exchanges: Sequence[Mapping[str, str]]) -> Int64Array:

@@ -14,7 +14,7 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
-from lilgym_mp.learning.common.model import as_numpy
+from lilgym_mp.learning.common.factored_policy import as_numpy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.network import AgentPolicy

@@ -24,12 +24,7 @@ from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.game.agent import (
-    GameAgent,
-    describe,
-    load_agent,
-    network_names,
-)
+from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, network_names
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe

@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
 
 import numpy as np
 
 from lilgym_mp.learning.common.augmentation import RECOLOURINGS
+from lilgym_mp.learning.common.factored_policy import STOP, edit_actions, joint_factorisation
 from lilgym_mp.learning.imitation.box_features import CELLS
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
-from lilgym_mp.scene.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene import BOX_COUNT
+from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
-from lilgym_mp.scene.appearances.scatter import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
-COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
 STOP_INDEX = 0  # index of STOP's logit
 
 
@@ -50,20 +48,17 @@ class ActionHeads:
 @cache
 def action_heads(appearance: Appearance) -> ActionHeads:
     """The heads for Tower, or for Scatter on the released grid."""
-    boxes = range(BOX_COUNT)
-    if appearance.grid is None:
-        adds: list[Action] = [AddBlock(box, colour) for box in boxes for colour in Colour]
-        removes: list[Action] = [RemoveBlock(box) for box in boxes]
-    else:
-        cells = [(box * COLUMN_STEP + x, y) for box, x, y in product(boxes, range(CELLS), range(CELLS))]
-        adds = [AddItem(*cell, *item_type) for cell in cells for item_type in ITEM_TYPES]
-        removes = [RemoveItem(*cell) for cell in cells]
-    actions = [STOP, *adds, *removes]
-    action_of = np.array([*map(appearance.encode, actions)], np.int64)
+    factorisation = joint_factorisation(appearance)
+    adds = edit_actions(factorisation, ActionType.ADD, (0,))
+    removes = edit_actions(factorisation, ActionType.REMOVE, (1,))
+    side = 1 if appearance.grid is None else CELLS
+    cells = BOX_COUNT, side, side  # by row, then column; here by column, then row
+    adds, removes = (actions.reshape(*cells, -1).swapaxes(1, 2).ravel() for actions in (adds, removes))
+    action_of = np.concatenate([[STOP], adds, removes])
     index_of = np.full(appearance.action_count, -1, np.int64)
     index_of[action_of] = np.arange(len(action_of))
+    actions = [*map(appearance.decode, action_of.tolist())]
     recoloured = [
         [index_of[appearance.encode(recolouring.action(action))] for action in actions] for recolouring in RECOLOURINGS
     ]
-    per_box, item_types = len(removes) // BOX_COUNT, len(adds) // len(removes)
-    return ActionHeads(per_box, item_types, action_of, index_of, np.array(recoloured, np.int64))
+    return ActionHeads(side**2, len(adds) // len(removes), action_of, index_of, np.array(recoloured, np.int64))

@@ -17,12 +17,12 @@ from lilgym_mp.evaluation import Episode, Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, precision
-from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
+from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads, action_heads
-from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, make_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs, Outputs
+from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -68,12 +68,9 @@ class NetworkPolicy:
         log_probabilities = np.empty((len(statements), self.heads.size), np.float32)
         for first in range(0, len(statements), BATCH_SIZE):
             rows = slice(first, first + BATCH_SIZE)
-            words = pad_rows([self.tokenizer.encode(statement) for statement in statements[rows]], MIN_PADDED_WORDS)
-            distinct = DistinctBoxes.of(boxes[rows, None], 1)
-            inputs = Inputs(
-                words=torch.from_numpy(words).to(self.device),
-                **box_inputs(self.table, distinct, np.zeros(len(words), np.int64), self.device),
-            )
+            words = [self.tokenizer.encode(statement) for statement in statements[rows]]
+            distinct, orders = DistinctBoxes.of(boxes[rows, None], 1), np.zeros(len(words), np.int64)
+            inputs = make_inputs(self.table, words, distinct, orders, self.device)
             batch_targets = torch.from_numpy(targets[rows, None]).to(self.device)
             with precision(self.device, reduced=self.reduced_precision):
                 outputs = self.network(inputs, batch_targets)

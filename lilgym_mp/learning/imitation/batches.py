@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.learning.common.words import COLOUR_ORDERS, MIN_PADDED_WORDS, StatementTokenizer, pad_rows
+from lilgym_mp.learning.common.attention import MIN_PADDED_WORDS
+from lilgym_mp.learning.common.augmentation import RECOLOURINGS
+from lilgym_mp.learning.common.words import StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.action_heads import ActionHeads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
@@ -26,6 +28,7 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs, Outputs
 from lilgym_mp.scene.arrays import Int64Array
 
 MIN_PROBABILITY = 1e-13  # clamp; sets of actions below it have no gradient
+NEW_COLOURS = np.array([recolouring.colours for recolouring in RECOLOURINGS])  # (6, 3)
 Rng = np.random.Generator
 
 
@@ -69,10 +72,10 @@ def _distinct(scenes: Int64Array, acting: int) -> tuple[Int64Array, Int64Array, 
     return np.array(list(positions), np.int64), np.array(local, np.int64).reshape(scenes.shape), count
 
 
-def box_inputs(
-    table: BoxFeatureTable, boxes: DistinctBoxes, orders: Int64Array, device: torch.device
-) -> dict[str, Tensor]:
-    """The fields of `Inputs` other than `words`; `orders` (S,) index COLOUR_ORDERS."""
+def make_inputs(
+    table: BoxFeatureTable, words: Sequence[Int64Array], boxes: DistinctBoxes, orders: Int64Array, device: torch.device
+) -> Inputs:
+    """The network's inputs; `words` and `orders` (S,), which index RECOLOURINGS, of each statement."""
     statements, most = boxes.indices.shape
     counts = np.where(boxes.present, table.counts[boxes.indices], 0)
     capacity = max(1, int(counts.max()))
@@ -84,13 +87,16 @@ def box_inputs(
     features = np.zeros((statements, items, table.features.shape[-1]), np.uint8)
     features[statement, position] = table.features[source, slot]
     colours = np.zeros((statements, items), np.int64)
-    colours[statement, position] = np.array(COLOUR_ORDERS)[orders[statement], table.colours[source, slot]]
+    colours[statement, position] = np.array([recolouring.colours for recolouring in RECOLOURINGS])[
+        orders[statement], table.colours[source, slot]
+    ]
     by_box = np.full((statements, most, capacity), statements * items, np.int64)
     by_box[statement, box, slot] = statement * items + position
     by_item = np.zeros((statements, items), np.int64)
     by_item[statement, position] = (statement * most + box) * capacity + slot
     acting = box < boxes.acting
     arrays = {
+        "words": pad_rows(words, MIN_PADDED_WORDS),
         "features": features,
         "colours": colours,
         "by_box": by_box,
@@ -102,7 +108,7 @@ def box_inputs(
         "offsets": table.offsets[source, slot][acting].astype(np.int32),
         "scenes": boxes.scenes,
     }
-    return {name: torch.from_numpy(array).to(device) for name, array in arrays.items()}
+    return Inputs(**{name: torch.from_numpy(array).to(device) for name, array in arrays.items()})
 
 
 @dataclass(frozen=True)
@@ -129,16 +135,12 @@ class BatchSampler:
         scenes, truths, steps = column("scenes"), column("truths").astype(np.float32), column("steps", solved)
         recolours = self.recipe.recolour
         orders = np.array(
-            [rng.integers(len(COLOUR_ORDERS)) if recolours and entry.exchanges_colours else 0 for entry in entries]
+            [rng.integers(len(RECOLOURINGS)) if recolours and entry.exchanges_colours else 0 for entry in entries]
         )
-        words = pad_rows(
-            [self._words(entry, order, rng) for entry, order in zip(entries, orders.tolist(), strict=True)],
-            MIN_PADDED_WORDS,
-        )
+        words = [self._words(entry, order, rng) for entry, order in zip(entries, orders.tolist(), strict=True)]
         boxes = DistinctBoxes.of(scenes, solved)
         self.table.update_features()
-        device = self.device
-        inputs = Inputs(words=torch.from_numpy(words).to(device), **box_inputs(self.table, boxes, orders, device))
+        inputs = make_inputs(self.table, words, boxes, orders, self.device)
         acting = boxes.indices[:, : boxes.acting]
         legal = self.table.legal[acting] if self.heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
         arrays = (
@@ -149,7 +151,7 @@ class BatchSampler:
             legal,
             boxes.present[:, : boxes.acting],
         )
-        return Batch(inputs, *(torch.from_numpy(array).to(device) for array in arrays))
+        return Batch(inputs, *(torch.from_numpy(array).to(self.device) for array in arrays))
 
     def _words(self, entry: DatasetEntry, order: int, rng: Rng) -> Int64Array:
         indices = self.tokenizer.recoloured(self.tokenizer.encode(entry.statement), order)

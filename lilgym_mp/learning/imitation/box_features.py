@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +24,15 @@ FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, wall gaps, cel
 class BoxFeatureTable(FeatureTable):
     """A growing table of N distinct boxes, with capacity for K items each."""
 
-    item_axes: ClassVar[Mapping[str, int]] = {"features": 1, "colours": 1, "relations": 2, "offsets": 1}
+    counts: NDArray[np.int64]  # (N,)
+    features: NDArray[np.uint8]  # (N, K, F) binary
+    colours: NDArray[np.int64]  # (N, K)
+    relations: NDArray[np.uint8]  # (N, K, K) of the second item to the first
+    offsets: NDArray[np.int16]  # (N, K, 2, 5) see `cell_offsets`
+    legal: NDArray[np.bool_]  # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
 
-    def __init__(self, item_capacity: int = 4) -> None:
-        super().__init__(item_capacity)
-        self.counts = np.zeros(0, np.int64)  # (N,)
-        self.features = np.zeros((0, item_capacity, FIXED_FEATURES), np.uint8)  # (N, K, F) binary
-        self.colours = np.zeros((0, item_capacity), np.int64)  # (N, K)
-        # (N, K, K) relation of the second item to the first
-        self.relations = np.zeros((0, item_capacity, item_capacity), np.uint8)
-        self.offsets = np.zeros((0, item_capacity, 2, CELLS), np.int16)  # (N, K, 2, 5) see `cell_offsets`
-        # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
-        self.legal = np.zeros((0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_)
+    def __init__(self, appearance: str | None = None) -> None:
+        super().__init__(8, appearance)
 
     def indices(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
         """(B, 3) box indices."""

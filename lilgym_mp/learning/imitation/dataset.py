@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.learning.common.augmentation import recolourable
+from lilgym_mp.learning.common.labelled_scenes import Boxes, Entry, Rng
 from lilgym_mp.learning.common.tasks import choose_held_out
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -22,38 +23,36 @@ from lilgym_mp.solver import Solver
 
 BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))
 MAX_RANDOM_EDITS = 3
-Rng = np.random.Generator
 
 
-@dataclass
-class DatasetEntry:
+@dataclass(kw_only=True)
+class DatasetEntry(Entry):
     """One statement and the scenes labelled for it so far: M scenes, some of them with optimal actions."""
 
-    statement: str
     program: Program
     starts: tuple[Scene, ...]
     exchanges_colours: bool  # in words and scenes alike
-    scenes: list[tuple[int, int, int]] = field(default_factory=list)  # box indices of each scene
-    truths: list[bool] = field(default_factory=list)
     steps: list[int] = field(default_factory=list)  # length of a shortest solution; 0 without optimal actions
     actions: list[NDArray[np.int64] | None] = field(default_factory=list)  # logit indices of the optimal actions
     with_actions: list[int] = field(default_factory=list)  # indices of the scenes with optimal actions
-    known: dict[tuple[int, int, int], int] = field(default_factory=dict)  # box indices -> scene index
+
+    def add(self, boxes: Boxes, *, truth: bool) -> int:
+        self.steps.append(0)
+        self.actions.append(None)
+        return super().add(boxes, truth=truth)
 
 
 def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) -> list[DatasetEntry]:
-    """One entry per statement and program, with the start scenes of all its tasks.
-
-    Unless the programs may be read, all exchange colours.
-    """
+    """One entry per statement and program, with its tasks; unless the programs may be read, all exchange colours."""
     groups: dict[tuple[str, str], list[Task]] = {}
     for task in tasks:
         groups.setdefault((task.statement, task.program), []).append(task)
     return [
         DatasetEntry(
-            statement,
-            compile_program(program),
-            tuple(dict.fromkeys(task.start for task in group)),
+            statement=statement,
+            tasks=group,
+            program=compile_program(program),
+            starts=tuple(dict.fromkeys(task.start for task in group)),
             exchanges_colours=not reads_programs or recolourable(statement, program),
         )
         for (statement, program), group in groups.items()
@@ -101,7 +100,10 @@ class DataCollector:
 
         Returns the scene's index in the entry.
         """
-        index = self.note(entry, scene)
+        boxes = self.table.of(scene)
+        index = entry.index.get(boxes)
+        if index is None:
+            index = entry.add(boxes, truth=entry.program(scene))
         if solve and not entry.steps[index]:
             task = Task("", entry.statement, entry.program.source, not entry.truths[index], scene)
             optimal = self._solver.optimal_actions(State(task, scene, 0))
@@ -111,18 +113,6 @@ class DataCollector:
                 entry.steps[index] = optimal.steps
                 entry.actions[index] = logit_indices
                 entry.with_actions.append(index)
-        return index
-
-    def note(self, entry: DatasetEntry, scene: Scene, truth: bool | None = None) -> int:
-        """Adds the scene with its truth, by the program unless it is given; returns the scene's index in the entry."""
-        boxes = self.table.of(scene)
-        index = entry.known.get(boxes)
-        if index is None:
-            index = entry.known[boxes] = len(entry.scenes)
-            entry.scenes.append(boxes)
-            entry.truths.append(bool(entry.program(scene)) if truth is None else truth)
-            entry.steps.append(0)
-            entry.actions.append(None)
         return index
 
     def task(self, entry: DatasetEntry) -> Task:

@@ -68,8 +68,4 @@ class ImitationOptions(UpdateBudget):
     teacher: Path | None = setting(None, _TEACHER, kind=Path, metavar="RUN")
 
 
-LEARNER = Learner(
-    ImitationRecipe,
-    ImitationOptions,
-    "lilgym_mp.learning.imitation.training:train_imitation",
-)
+LEARNER = Learner(ImitationRecipe, ImitationOptions, "lilgym_mp.learning.imitation.training:train_imitation")

@@ -11,12 +11,13 @@ import torch
 from torch.nn import functional
 
 from lilgym_mp.corpus.tokens import UNKNOWN
+from lilgym_mp.learning.common.attention import MAX_WORDS
 from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, generated_examples, pairs_of
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import COLOURS, TOKENS, Pair, exchanged, tokens_recoloured
 from lilgym_mp.learning.common.recipes import PairRecipe
-from lilgym_mp.learning.common.words import MAX_WORDS, StatementTokenizer
+from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
@@ -57,7 +58,7 @@ class TextPretraining:
         )
 
     def step(self, done: float) -> float:
-        """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises TrainingError."""
+        """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises TrainingRunError."""
         learning_rate = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
         return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
@@ -72,7 +73,7 @@ class TextPretraining:
 def pretrain_geometry(
     geometry: CellGeometry, table: BoxFeatureTable, updates: int, warmup: float, rng: np.random.Generator
 ) -> None:
-    """Trains it to predict the legal edits of the boxes collected so far. Raises TrainingError."""
+    """Trains it to predict the legal edits of the boxes collected so far. Raises TrainingRunError."""
     device = geometry.cells.device
     optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)
     table.update_features()

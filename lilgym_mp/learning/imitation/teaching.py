@@ -14,21 +14,16 @@ import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.learning.common.agents import Agent, AgentError, open_agent
-from lilgym_mp.learning.common.boxes import BoxIndex
-from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of
+from lilgym_mp.learning.common.labelled_scenes import Collector, Rng
 from lilgym_mp.learning.common.planning import Planner
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, Rng
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock
 from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.appearances.numbering import remove_index
-from lilgym_mp.solver.edit_tables import (
-    addition_actions,
-    addition_table,
-    removal_table,
-)
+from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_table
 
 STOPS_PER_LABEL = 3  # scenes stopped in for each scene with truth alone that is asked for
 MOST_PLANS = 6  # for a scene, as short as the best and nearly as sure
@@ -45,48 +40,36 @@ def open_teacher(run: Path) -> Agent:
 class TaughtCollector(DataCollector):
     """Collects scenes in episodes of its own, with the search's plans from them."""
 
-    def __init__(self, planner: Planner, task_sets: Sequence[Sequence[Task]], table: BoxFeatureTable, rng: Rng) -> None:
+    def __init__(self, planner: Planner, table: BoxFeatureTable, rng: Rng) -> None:
         super().__init__(planner.dynamics, table, rng)
         self._planner = planner
-        self._entries = {entry.statement: entry for entry in entries_of(task_sets)}
-        self.played = Collector(planner.dynamics, BoxIndex(planner.dynamics.appearance.name), rng)
+        self.played = Collector(planner.dynamics, table, rng)
 
     def collect(self, entry: DatasetEntry, solved: int, truth_only: int, other_scenes: Sequence[Scene]) -> None:
-        known = self._entries[entry.statement]
         self.played.rng = self.rng
-        self.played.explore(known, STOPS_PER_LABEL * truth_only)
+        self.played.explore(entry, STOPS_PER_LABEL * truth_only)
         enough = len(entry.with_actions) + solved
         for _ in range(2 * solved):
             if len(entry.with_actions) < enough:
-                self._teach(entry, known, self.played.begin(known))
-        self._note_all(entry, known)
+                self._teach(entry, self.played.begin(entry))
 
     def task(self, entry: DatasetEntry) -> Task:
-        known = self._entries[entry.statement]
-        return known.tasks[known.random_task(self.rng)]
+        return entry.tasks[entry.random_task(self.rng)]
 
     def add_last_scenes(self, entry: DatasetEntry, task: Task, scenes: Sequence[Scene], count: int) -> None:
-        known = self._entries[entry.statement]
         self.played.steps += len(scenes)
         for steps in range(len(scenes))[-count:]:
-            index = self.played.stop(known, known.tasks.index(task), scenes[steps], steps)
-            self._teach(entry, known, index)
+            self._teach(entry, self.played.stop(entry, entry.tasks.index(task), scenes[steps], steps))
 
-    def _note_all(self, entry: DatasetEntry, known: Entry) -> None:
-        """Gives the entry all known scenes, under the same indices."""
-        for index in range(len(entry.scenes), len(known.scenes)):
-            self.note(entry, self.played.table.scene(known.scenes[index]), known.known[index].truth)
-
-    def _teach(self, entry: DatasetEntry, known: Entry, index: int) -> None:
+    def _teach(self, entry: DatasetEntry, index: int) -> None:
         """Adds the actions of confirmed plans from a known scene to the opposite truth value."""
-        _, steps, truth = known.known[index]
-        scene = self.played.table.scene(known.scenes[index])
+        truth, steps = entry.truths[index], entry.ways[index].edits
+        scene = self.table.scene(entry.scenes[index])
         plans = self._planner.plans(scene, entry.statement, not truth, steps, MOST_PLANS)
         self.expert_queries += 1
         for plan in plans:
-            indices = self.played.follow(known, index, plan.actions)
-            self._note_all(entry, known)
-            solved = [known.known[at].truth != truth for at in indices]
+            indices = self.played.follow(entry, index, plan.actions)
+            solved = [entry.truths[at] != truth for at in indices]
             if True in solved:
                 edits = plan.actions[: solved.index(True)]
                 for first, at in enumerate(indices[: len(edits)]):
@@ -99,8 +82,8 @@ class TaughtCollector(DataCollector):
             return
         if not entry.steps[index]:
             entry.with_actions.append(index)
-        left, middle, right = (self.table.boxes[box] for box in entry.scenes[index])
-        found = self.heads.index_of[sorted(first_edits(self._planner.dynamics, Scene((left, middle, right)), edits))]
+        scene = self.table.scene(entry.scenes[index])
+        found = self.heads.index_of[sorted(first_edits(self._planner.dynamics, scene, edits))]
         before = entry.actions[index] if entry.steps[index] == steps else None
         entry.steps[index] = steps
         entry.actions[index] = found[found >= 0] if before is None else np.union1d(before, found[found >= 0])

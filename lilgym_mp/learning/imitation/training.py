@@ -9,6 +9,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple, Unpack
 
 import numpy as np
@@ -23,7 +24,7 @@ from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
-from lilgym_mp.learning.common.run_directory import TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.common.tasks import train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import (
@@ -70,14 +71,6 @@ class Progress(NamedTuple):
         if self.actions is None or self.truth_accuracy is None:
             return f"text layers, loss {self.text or 0:.2f}"
         return f"{self.states:,} states, loss {self.actions:.2f}, truth {100 * self.truth_accuracy:.1f} %"
-
-
-class StepResult(NamedTuple):
-    """Measurements of one optimiser step."""
-
-    truth: float  # truth loss
-    actions: float  # loss of the sets of optimal actions
-    truth_accuracy: float
 
 
 @dataclass
@@ -128,7 +121,12 @@ class Run(TrainingRun):
         planner = None if teacher is None else open_teacher(teacher).planner(settings)
         self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
-        entries, held_out = split_held_out(entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out)
+        every = entries_from_tasks(tasks, reads_programs=teacher is None)
+        if teacher is not None:  # episodes begin with the starts of every configuration
+            others = [task for some in [*played.values()][1:] for task in some]
+            for entry in every:
+                entry.tasks += [task for task in others if task.statement == entry.statement]
+        entries, held_out = split_held_out(every, recipe.held_out)
         tuned_on = {entry.statement for entry in held_out}
         self._held_out_tasks = {
             name: [task for task in some if task.statement in tuned_on] for name, some in played.items()
@@ -137,14 +135,14 @@ class Run(TrainingRun):
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
         self._network = network = make_network(self._architecture, recipe.dropout).to(self.device)
-        self._entries, self._rng, table = entries, np.random.default_rng(seed), BoxFeatureTable()
+        self._entries, self._rng, table = entries, np.random.default_rng(seed), BoxFeatureTable(settings.appearance)
         self._is_flipit = settings.start == FLIPIT  # no start is solved, and any statement is judged on all
         starts = dict.fromkeys(start for entry in entries for start in entry.starts)
         self._other_scenes: Sequence[Scene] = [*starts] if self._is_flipit else []
         empty_starts = recipe.empty_starts if self._is_flipit else 0.0
         self._collector = DataCollector(self._dynamics, table, self._rng, recipe.budget, empty_starts)
         if planner is not None:
-            self._collector = TaughtCollector(planner, list(played.values()), table, self._rng)
+            self._collector = TaughtCollector(planner, table, self._rng)
         heads = self._collector.heads
         self._policy = NetworkPolicy(network, table, heads, self._tokenizer, reduced_precision=True)
         self._batches = BatchSampler(table, heads, self._tokenizer, self.device, recipe)
@@ -174,7 +172,8 @@ class Run(TrainingRun):
             self.counters.begun_at = self.progress()
         self.optimise()
 
-    def step(self) -> StepResult:
+    def step(self) -> dict[str, float]:
+        """One optimiser step; returns losses of `Progress`."""
         recipe, network, counters = self._recipe, self._network, self.counters
         if counters.updates % recipe.collect_every == 0:
             self._collect_more(self.progress())
@@ -192,7 +191,7 @@ class Run(TrainingRun):
         counters.updates += 1
         counters.states += batch.truths.numel()
         right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
-        return StepResult(float(parts.truth.detach()), float(parts.actions.detach()), float(right))
+        return {"truth": parts.truth.item(), "actions": parts.actions.item(), "truth_accuracy": right.item()}
 
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
         chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
@@ -201,12 +200,12 @@ class Run(TrainingRun):
     # Data collection
 
     def _collect_first(self) -> None:
-        """Labels scenes of every statement. Raises TrainingError if the expert solves none of them."""
+        """Labels scenes of every statement. Raises TrainingRunError if the expert solves none of them."""
         for entry in self._entries:
             if not entry.with_actions:
                 self._collector.collect(entry, self._recipe.first_scenes, self._recipe.truth_only, self._other_scenes)
         if not any(entry.with_actions for entry in self._entries):
-            raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
+            raise TrainingRunError("nothing to imitate: the expert solves no scene of any training statement")
 
     def _collect_more(self, done: float) -> None:
         """Labels scenes of some statements: along the expert's solutions, or of the network's own episodes."""
@@ -247,27 +246,23 @@ class Run(TrainingRun):
             self._seed,
         )
 
-        def step() -> float:
+        def step() -> dict[str, float]:
             loss = text.step(self.progress() / fraction)
             self.counters.updates += 1
-            return loss
+            return {"text": loss}
 
-        self.optimise(step, lambda recent: self._line(text=round(float(np.mean(recent)), 4)), fraction)
+        self.optimise(step, until=fraction)
 
     # Files
 
-    def progress_line(self, recent: Sequence[StepResult]) -> Progress:
-        truth, actions, truth_accuracy = np.mean(recent, axis=0).round(4).tolist()
-        return self._line(truth=truth, actions=actions, truth_accuracy=truth_accuracy)
-
-    def _line(self, **losses: float) -> Progress:
+    def progress_line(self, recent: Sequence[dict[str, float]]) -> Progress:
         counters = self.counters
         return Progress(
             updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
             sets=self._collector.expert_queries,
-            **losses,
+            **{name: round(fmean(losses[name] for losses in recent), 4) for name in recent[0]},
         )
 
     def restore(self, state: dict[str, Any]) -> None:

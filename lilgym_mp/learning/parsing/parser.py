@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cache
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import torch
@@ -41,18 +41,11 @@ UNKNOWN_FACTOR = 1 / 3  # on the candidates' probabilities for each unknown word
 
 
 class Candidate(NamedTuple):
-    """A complete program."""
+    """A program, or the first tokens of one."""
 
     tokens: tuple[int, ...]
     log_probability: float
-
-
-class _Partial(NamedTuple):
-    """A hypothesis: the first tokens of a program."""
-
-    tokens: tuple[int, ...]
-    log_probability: float
-    open_slots: tuple[Slot, ...]  # a stack; the next one is last
+    open_slots: tuple[Slot, ...] = ()  # a stack, the next one last; empty if complete
 
 
 @torch.inference_mode()
@@ -63,7 +56,7 @@ def beam_search(
     device = network.logits.weight.device
     memories = network.encode(torch.tensor([words], device=device))
     caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
-    partials = [_Partial((), 0.0, (Slot(0, 0),))]
+    partials = [Candidate((), 0.0, (Slot(0, 0),))]
     done: list[Candidate] = []
     for length in range(network.sizes.longest_program):
         before = torch.tensor([[partial.tokens[-1] if partial.tokens else 0] for partial in partials], device=device)
@@ -80,25 +73,24 @@ def beam_search(
         scores[:, 0] = -torch.inf  # padding is not a token
         values, indices = scores.flatten().topk(min(width, scores.numel()))
         rows, tokens = (indices // scores.shape[1]).tolist(), (indices % scores.shape[1]).tolist()
-        grown: list[_Partial] = []
-        kept: list[int] = []
+        grown: list[tuple[int, Candidate]] = []  # with the row of what each continues
         for value, row, token in zip(values.tolist(), rows, tokens, strict=True):
             if value == -float("inf"):
                 continue
             partial = partials[row]
             open_slots = (*partial.open_slots[:-1], *open_slots_of(token, table))
+            candidate = Candidate((*partial.tokens, token), value, open_slots)
             if open_slots:
-                grown.append(_Partial((*partial.tokens, token), value, open_slots))
-                kept.append(row)
+                grown.append((row, candidate))
             else:
-                done.append(Candidate((*partial.tokens, token), value))
+                done.append(candidate)
         done.sort(key=lambda candidate: -candidate.log_probability)
         best_done = done[width - 1].log_probability if len(done) >= width else -float("inf")
-        alive = [index for index, partial in enumerate(grown) if partial.log_probability > best_done]
+        alive = [(row, partial) for row, partial in grown if partial.log_probability > best_done]
         if not alive:
             break
-        partials = [grown[index] for index in alive]
-        order = torch.tensor([kept[index] for index in alive], device=device)
+        partials = [partial for _, partial in alive]
+        order = torch.tensor([row for row, _ in alive], device=device)
         for past in caches:
             past[:] = [part[order] for part in past]
     return done[:width]
@@ -177,11 +169,10 @@ class Parser:
     vocabulary: SymbolTable
     temperature: float = 1.0  # divides log-probabilities
     tokens: TokenTable = TOKENS
-    _known: frozenset[str] = field(init=False, repr=False)
-    _parses: dict[tuple[str, str], Parse] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self._known = frozenset(self.vocabulary.symbols)
+        self._parsed = lru_cache(MAX_CACHED_STATEMENTS)(self._parse)
 
     def parse(self, statement: str, appearance: str) -> Parse:
         """The candidate programs of any text, the most probable first; for an empty one, the most common programs.
@@ -189,15 +180,8 @@ class Parser:
         `appearance`: "tower" or "scatter". Words are corrected first (`lilgym_mp.corpus.spelling`), and each word that
         stays unknown multiplies the probabilities by UNKNOWN_FACTOR. Equal texts are parsed once.
         """
-        key = statement, appearance
-        found = self._parses.get(key)
-        if found is None:
-            if len(self._parses) >= MAX_CACHED_STATEMENTS:
-                self._parses.clear()
-            with torch_threads(1):  # networks as small as this run slower on several
-                found = self._parse(statement, appearance)
-            self._parses[key] = found
-        return found
+        with torch_threads(1):  # networks as small as this run slower on several
+            return self._parsed(statement, appearance)
 
     def _parse(self, statement: str, appearance: str) -> Parse:
         normalised = normalise_statement(statement, appearance, self._known)

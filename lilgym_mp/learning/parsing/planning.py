@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +24,6 @@ CLIP = 1e-3  # probabilities are clipped to [CLIP, 1 - CLIP]
 PRIOR = 1.0  # precision of the Gaussian prior on the identity, slope 1 and shift 0
 
 
-class Forecast(NamedTuple):
-    """A predicted probability of success, and the outcome."""
-
-    probability: float
-    success: bool
-
-
 @dataclass(frozen=True)
 class Calibration:
     """Logistic recalibration of a probability (Platt 1999)."""
@@ -46,8 +38,8 @@ class Calibration:
 IDENTITY = Calibration()
 
 
-def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
-    """The maximum a posteriori calibration; the identity without forecasts."""
+def fit_calibration(forecasts: Iterable[tuple[float, bool]]) -> Calibration:
+    """The maximum a posteriori calibration of predicted probabilities, given the outcomes; the identity without any."""
     points = [(_logit(probability), float(success)) for probability, success in forecasts]
     logits, successes = np.array(points).reshape(-1, 2).T
     features = np.stack([logits, np.ones_like(logits)])

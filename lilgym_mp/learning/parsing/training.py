@@ -34,7 +34,7 @@ from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
-from lilgym_mp.learning.parsing.planning import Forecast, ProgramPlanner, fit_calibration
+from lilgym_mp.learning.parsing.planning import ProgramPlanner, fit_calibration
 
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -128,7 +128,7 @@ class Run(TrainingRun):
         self.load()
 
     def step(self) -> float:
-        """One optimiser step; returns the loss. Raises TrainingError."""
+        """One optimiser step; returns the loss. Raises TrainingRunError."""
         done, counters = self.progress(), self.counters
         relative_rate = cosine_decay(done) * min(1.0, (counters.updates + 1) / self._recipe.warm_up)
         loss = self._trainer.step(done, self._recipe.learning_rate * relative_rate)
@@ -198,10 +198,10 @@ def calibrated_temperature(predictions: Sequence[tuple[list[float], int | None]]
     return max(TEMPERATURES, key=likelihood) if predictions else 1.0
 
 
-def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
+def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[tuple[float, bool]]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
-    found: list[Forecast] = []
+    found: list[tuple[float, bool]] = []
     for name, (appearance, _) in CONFIGURATIONS.items():
         settings = Settings(name, corpus=corpus)
         try:
@@ -214,6 +214,5 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[
             planned[task.statement, task.target] += (task.statement, appearance) in held_out
             if 0 < planned[task.statement, task.target] <= MAX_STARTS and (task.statement, appearance) in held_out:
                 plan = planner.plan(task.start, task.statement, task.target)
-                success = planner.outcome(plan, task) is Outcome.SUCCESS
-                found.append(Forecast(plan.success_probability, success))
+                found.append((plan.success_probability, planner.outcome(plan, task) is Outcome.SUCCESS))
     return found

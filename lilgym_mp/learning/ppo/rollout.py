@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
-from lilgym_mp.learning.common.model import Model, as_numpy
+from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy, as_numpy
+from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.learner import PPORecipe

@@ -95,7 +95,7 @@ class Run(TrainingRun):
         start, at intervals of that many steps, and at the end, without affecting training. With equal seed and threads
         an interrupted and resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent
         after the current rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError
-        for an unusable `out`, TrainingError when the loss is not finite, CorpusError for unusable data.
+        for an unusable `out` or a loss that is not finite, CorpusError for unusable data.
         """
         super().__init__(out, Budget("steps", steps), session)
         self.counters: PPOCounters = PPOCounters()

@@ -10,8 +10,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_corpus
-from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model import Model
@@ -19,6 +18,7 @@ from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, VALIDATION
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.ppo.agent import ModelPolicy
 from lilgym_mp.learning.ppo.learner import PPORecipe
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Stop
 
 SPLIT = "dev"
@@ -74,7 +74,7 @@ class LearningCurve:
         """Raises CorpusError when dev has no tasks."""
         settings.tasks(SPLIT)
         self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
-        self._dynamics, self._goals = settings.dynamics(), _goals(settings)
+        self._dynamics, self._matching = settings.dynamics(), _matching_tasks(settings)
         self.last: int | None = None  # steps of the latest point
 
     def is_due(self, steps: int) -> bool:
@@ -91,7 +91,7 @@ class LearningCurve:
 
     def evaluation(self, policy: Policy, steps: int) -> DevEvaluation:
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
-        solvable = [episode for episode in episodes if self._goals.get(episode.task)]
+        solvable = [episode for episode in episodes if episode.task in self._matching]
         return DevEvaluation(
             steps,
             len(episodes),
@@ -104,7 +104,7 @@ class LearningCurve:
 
     def _stopped_in_goal(self, episode: Episode) -> bool:
         last = scenes(self._dynamics, episode.start, episode.actions)[-1]
-        return isinstance(episode.actions[-1], Stop) and content(last) in self._goals[episode.task]
+        return isinstance(episode.actions[-1], Stop) and self._matching[episode.task].solved_by(last)
 
 
 def playing(model: Model, recipe: PPORecipe, *, sampled: bool) -> ModelPolicy:
@@ -125,12 +125,10 @@ class DevEvaluation(NamedTuple):
     image_accuracy: float | None  # fraction of them that end with STOP in such a scene: the NLVR reward's success
 
 
-def _goals(settings: Settings) -> Mapping[str, frozenset[Content]]:
-    """By task id, the contents of the corpus's scenes labelled with the target; none for FlipIt or without labels."""
-    if settings.start != SCRATCH:
-        return {}
+def _matching_tasks(settings: Settings) -> Mapping[str, Task]:
+    """By id, the tasks with a scene of the corpus labelled with the target; none for FlipIt or without labels."""
     try:
-        tasks = matching_corpus(load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT))
+        tasks = load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT)
+        return {task.id: task for task in solvable_matching_corpus(tasks)}
     except CorpusError:
         return {}
-    return {task.id: goal_contents(task) for task in tasks}

@@ -66,7 +66,7 @@ class RewardModelAgent(Agent):
     def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
         """A verifier judges claims by their probability; a proposer follows the policy's plans."""
         if role is Role.VERIFIER:
-            return RewardModelVerifier(self)
+            return self.answer
         return super().partner(role, game, sampled=sampled)
 
     @torch.inference_mode()
@@ -80,25 +80,19 @@ class RewardModelAgent(Agent):
         truth = float(self.probabilities(state.task.statement, [state.scene])[0])
         return truth if state.task.target else 1 - truth
 
-    def _reader(self) -> InputReader:
-        return InputReader(self.vocabulary, BoxTable(self.appearance), torch.device("cpu"))
-
-
-@dataclass(frozen=True)
-class RewardModelVerifier:
-    """Accepts every edit, and a claim whose probability is above 1/2; with `verdict_bins` it gives the nearest
-    probability instead."""
-
-    agent: RewardModelAgent
-
-    def __call__(self, turn: PartnerTurn) -> int:
+    def answer(self, turn: PartnerTurn) -> int:
+        """As a verifier: accepts every edit, and a claim whose probability is above 1/2; with `verdict_bins` it gives
+        the nearest probability instead."""
         game, proposal = turn.game, turn.state.proposal
         if proposal not in (None, STOP_ACTION):
             return encode_answer(game, accepts=True)
-        probability = self.agent.success_probability(turn.state.mdp)
+        probability = self.success_probability(turn.state.mdp)
         if game.config.verdict_bins is None:
             return encode_answer(game, accepts=probability > 0.5)
         return game.encode_action(Role.VERIFIER, round(probability * (game.config.verdict_bins - 1)))
+
+    def _reader(self) -> InputReader:
+        return InputReader(self.vocabulary, BoxTable(self.appearance), torch.device("cpu"))
 
 
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:

@@ -11,15 +11,16 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import accumulate, permutations, product
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
+from lilgym_mp.learning.common.attention import MIN_PADDED_WORDS
 from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable, one_hot
-from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, exchange_table, pad_rows
+from lilgym_mp.learning.common.words import StatementTokenizer, exchange_table, pad_rows
 from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances.tower import CAPACITY
@@ -127,7 +128,8 @@ def _first_named(words: Sequence[str], kind: type[Colour] | type[Shape]) -> tupl
 class BoxTable(FeatureTable):
     """A growing table of N distinct boxes, with capacity for I items each."""
 
-    item_axes: ClassVar[Mapping[str, int]] = {"_items": 1}
+    _items: Int64Array  # (N, I) indices in `item_features`
+    _box: UInt8Array  # (N, G)
 
     def __init__(self, appearance: str) -> None:
         super().__init__(CAPACITY, appearance)
@@ -136,8 +138,6 @@ class BoxTable(FeatureTable):
         self.box_width = sum(BOX_PARTS[appearance].values())
         self._kinds = {bytes(self.item_width): 0}  # distinct items by their features; 0: no item
         self.item_features = np.zeros((1, self.item_width), np.uint8)  # (K, F)
-        self._items = np.zeros((0, CAPACITY), np.int64)  # (N, I) indices in `item_features`
-        self._box = np.zeros((0, self.box_width), np.uint8)  # (N, G)
 
     def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
         """Boxes (...) as items (..., I), indices in `item_features` of which 0 is none, and features (..., G)."""

@@ -51,8 +51,4 @@ class RewardModelOptions(UpdateBudget):
     updates: int = setting(25_000, "updates of the optimiser", 1)
 
 
-LEARNER = Learner(
-    RewardModelRecipe,
-    RewardModelOptions,
-    "lilgym_mp.learning.reward_model.training:train_reward_model",
-)
+LEARNER = Learner(RewardModelRecipe, RewardModelOptions, "lilgym_mp.learning.reward_model.training:train_reward_model")

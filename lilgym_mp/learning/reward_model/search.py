@@ -34,12 +34,7 @@ from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.appearances.tower import tower_tables
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 from lilgym_mp.solver.canonical_items import canonical_items
-from lilgym_mp.solver.edit_tables import (
-    addition_actions,
-    addition_table,
-    removal_actions,
-    removal_table,
-)
+from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_actions, removal_table
 
 TOWER_ROUNDS = 3
 FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
@@ -237,7 +232,7 @@ class _ScatterSearch:
             [look_counts(np.array(box.items, np.int64).reshape(1, -1, 5)) for box in node.scene.boxes]
         )
         change, look_change = self._changes(node.scene, edits, judge.reader.boxes(indices[None]))
-        box = np.array([edit.box for edit in edits])
+        box = np.array(edits)[:, 0]
 
         def scores(*parts: tuple[Int64Array, ...]) -> Float64Array:
             """Mean logits after some edits, of a box each part."""
@@ -264,17 +259,14 @@ class _ScatterSearch:
 
     def _changes(self, scene: Scene, edits: Sequence[_Edit], features: BoxFeatures) -> tuple[Tensor, Int64Array]:
         """The changes of a box's item sums (E, n, d + k) and looks (n, 9) by each edit; `features` of the scene's."""
-        canonical = np.array([edit.canonical for edit in edits])
-        box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
+        box, canonical, position = np.array(edits).T
         is_removal = canonical < 0
         change = self._added[:, canonical.clip(0)]
         look_change = _canonical()[1][canonical.clip(0)]
         if is_removal.any():
-            change = change.clone()
             units = self._judge.network.item_units(self._judge.reading, features.items)
-            change[:, torch.from_numpy(is_removal)] = -units[
-                :, features.members[0, box[is_removal], position[is_removal]]
-            ]
+            removed_items = features.members[0, box[is_removal], position[is_removal]]
+            change[:, torch.from_numpy(is_removal)] = -units[:, removed_items]
             removed = [scene.boxes[edit.box].items[edit.position] for edit in edits if edit.canonical < 0]
             look_change[is_removal] = -look_counts(np.array(removed)[:, None])
         return change, look_change

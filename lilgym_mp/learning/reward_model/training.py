@@ -18,7 +18,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, sample_scenes
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
-from lilgym_mp.learning.common.run_directory import TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
 from lilgym_mp.learning.common.words import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent, make_network
@@ -125,13 +125,10 @@ class Run(TrainingRun):
         self.optimise()
 
     def step(self) -> tuple[float, float]:
-        if self._collector.stops * self._recipe.reuse < self.counters.labels:
-            self._collect_more()
-        return self._step()
-
-    def _step(self) -> tuple[float, float]:
-        """One optimiser step. Returns the loss and the accuracy."""
+        """One optimiser step, after a collection if one is due. Returns the loss and the accuracy."""
         recipe, rng = self._recipe, self._rng
+        if self._collector.stops * recipe.reuse < self.counters.labels:
+            self._collect_more()
         chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
         entries = [self._entries[index] for index in chosen.tolist()]
         indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
@@ -155,7 +152,7 @@ class Run(TrainingRun):
         """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
         rows = [(entry, row.tolist()) for entry, row in zip(entries, indices, strict=True)]
         scenes = np.array([[entry.scenes[at] for at in row] for entry, row in rows])
-        truths = np.array([[entry.known[at].truth for at in row] for entry, row in rows], np.float32)
+        truths = np.array([[entry.truths[at] for at in row] for entry, row in rows], np.float32)
         features, local = self._reader.scenes(scenes)
         logits = network(network.read(*columns), features, local)
         return logits, torch.from_numpy(truths).to(self.device)
@@ -180,7 +177,7 @@ class Run(TrainingRun):
         for entry in self._held_out:
             self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
         if not any(entry.pairs for entry in self._entries):
-            raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
+            raise TrainingRunError("nothing to learn: no edit changed the reward of a STOP")
 
     def _collect_more(self) -> None:
         rng, recipe = self._rng, self._recipe
@@ -221,7 +218,7 @@ class Run(TrainingRun):
         target = bool(self._rng.integers(2))
         start = entry.tasks[task_index].start
         index = self._collector.stop(entry, task_index, start, 0)
-        plan = planner.plan(start, entry.statement, target, entry.known[index].edits)
+        plan = planner.plan(start, entry.statement, target, entry.ways[index].edits)
         self._collector.follow(entry, index, plan.actions)
 
     # Files

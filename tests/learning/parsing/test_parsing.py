@@ -48,7 +48,7 @@ from lilgym_mp.learning.parsing.parser import (
     ProgramCandidate,
     beam_search,
 )
-from lilgym_mp.learning.parsing.planning import Forecast, ProgramPlanner, explanation_lines, fit_calibration
+from lilgym_mp.learning.parsing.planning import ProgramPlanner, explanation_lines, fit_calibration
 from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.perception import read_scene
@@ -137,7 +137,7 @@ def test_beam__returns_complete_programs_sorted_by_probability():
     assert 0 < len(found) <= 8
     scores = [candidate.log_probability for candidate in found]
     assert scores == sorted(scores, reverse=True)
-    for tokens, score in found:
+    for tokens, score, _ in found:
         slots = list(slots_of(tokens))
         parents, parts = (torch.tensor([column]) for column in zip(*slots, strict=True))
         logits = network(torch.tensor([words]), torch.tensor([tokens]), Slots(parents, parts))
@@ -436,7 +436,7 @@ def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
 def test_calibration__fits_the_success_rates():
     rng = random.Random(0)
     stated = [rng.choice([0.6, 0.8, 0.9]) for _ in range(3000)]
-    found = fit_calibration([Forecast(probability, rng.random() < probability**0.5) for probability in stated])
+    found = fit_calibration([(probability, rng.random() < probability**0.5) for probability in stated])
     for probability in (0.6, 0.8, 0.9):
         assert found(probability) == pytest.approx(probability**0.5, abs=0.03)
     assert found(0.0) == 0.0

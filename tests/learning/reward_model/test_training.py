@@ -57,7 +57,7 @@ def test_training__learns_nothing_from_shuffled_rewards(
     entry, collector = labelled_entry(settings)
     scenes = [collector.table.scene(boxes) for boxes in entry.scenes]
     judged = agent.probabilities(entry.statement, scenes) > 0.5
-    assert np.mean(judged == [known.truth for known in entry.known]) < 0.75
+    assert np.mean(judged == entry.truths) < 0.75
 
 
 def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collector]:
@@ -102,7 +102,7 @@ def test_climb__stops_in_the_edits_that_the_model_likes_best_for_a_truth_value(s
 
     before = len(entry.scenes)
     collector.climb([entry], judge)
-    starts = {entry.tasks[known.task].start for known in entry.known}
+    starts = {entry.tasks[way.task].start for way in entry.ways}
     after = {collector.table.scene(boxes) for boxes in entry.scenes[before:]}
     assert after - starts
     assert after <= liked | starts
@@ -119,8 +119,8 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
     tasks = sorted(settings.make("train").tasks, key=lambda task: len(list(task.start.items())))
     entry, before = Entry("new", tasks[:3]), collector.steps
     scene = tasks[2].start
-    known = entry.known[collector.stop(entry, 0, scene, 5)]
-    assert (entry.tasks[known.task].start, known.edits) == (scene, 0)
+    way = entry.ways[collector.stop(entry, 0, scene, 5)]
+    assert (entry.tasks[way.task].start, way.edits) == (scene, 0)
     assert collector.steps == before + 1
 
 
@@ -139,7 +139,7 @@ def test_training__survives_a_search_that_begins_a_new_box_table(
 
 
 def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    step = training.Run._step
+    step = training.Run.step
     done: list[int] = []
 
     def interrupted(run: training.Run) -> tuple[float, float]:
@@ -151,7 +151,7 @@ def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatc
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe, out = small_recipe(settings), tmp_path / "run"
     with monkeypatch.context() as patched:
-        patched.setattr(training.Run, "_step", interrupted)
+        patched.setattr(training.Run, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train_reward_model(settings, recipe, out, updates=20)
     agent = train_reward_model(settings, recipe, out, updates=20, resume=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,7 @@ from lilgym_mp.envs.proposer_verifier.partners import ClaimingProposer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.rules import State
-from lilgym_mp.learning.reward_model.agent import RewardModelVerifier
+from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 
 
 class SureModel:
@@ -32,7 +33,7 @@ def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probabil
     model: Any = SureModel(probability)
     env = BaseGameEnv(GameSettings("TowerFlipIt", protocol="audit", corpus="builtin", split="dev"))
     tasks = env.tasks.ids[:60]
-    measured = measure(env, ClaimingProposer(intent), RewardModelVerifier(model), tasks=tasks, seed=0)
+    measured = measure(env, ClaimingProposer(intent), partial(RewardModelAgent.answer, model), tasks=tasks, seed=0)
     judged = [(each["true_accept_rate"], each["false_accept_rate"]) for each in measured.by_target.values()]
     assert {true for true, _ in judged} <= {1.0, None}
     assert {false for _, false in judged} <= {0.0, None}
@@ -44,4 +45,4 @@ def test_verifier__reports_the_nearest_probability():
     game = Game(settings)
     state = game.config.dynamics.start(game.tasks[0])  # never a goal
     turn: Any = SimpleNamespace(game=game, state=SimpleNamespace(mdp=state, proposal=STOP_ACTION))
-    assert RewardModelVerifier(model)(turn) == 1  # of 0, 1/4, 1/2, 3/4, 1
+    assert RewardModelAgent.answer(model, turn) == 1  # of 0, 1/4, 1/2, 3/4, 1
