@@ -37,6 +37,11 @@ def cosine_decay(done: float, lowest: float = 0.0) -> float:
     return lowest + (1 - lowest) * 0.5 * (1 + math.cos(math.pi * min(1.0, done)))
 
 
+def warm_up(done: float, fraction: float) -> float:
+    """The learning rate relative to its peak while it rises, in the first fraction of the training."""
+    return min(1.0, (done + 1e-3) / fraction) if fraction else 1.0
+
+
 def check_finite(loss: Tensor, **parts: Tensor) -> None:
     """Raises TrainingRunError if the loss is not finite, with the `parts` that it adds up."""
     if not torch.isfinite(loss):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -209,18 +209,14 @@ class _ImagePolicy(Policy):
     needs_masks = False
 
     def __init__(self, agent: ImitationAgent, dynamics: Dynamics, rule: StopRule, *, sampled: bool) -> None:
-        self._agent, self._dynamics, self._rule, self._sampled = agent, dynamics, rule, sampled
-        self._policy = self._new_policy()
+        self._dynamics, self._rule, self._sampled = dynamics, rule, sampled
+        tokenizer = StatementTokenizer(Vocabulary(tuple(agent.description.details["network"]["vocabulary"])))
+        self._policy = NetworkPolicy(agent.network, BoxFeatureTable(), action_heads(dynamics.appearance), tokenizer)
         self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
-
-    def _new_policy(self) -> NetworkPolicy:
-        words = self._agent.description.details["network"]["vocabulary"]
-        tokenizer = StatementTokenizer(Vocabulary(tuple(words)))
-        return NetworkPolicy(self._agent.network, BoxFeatureTable(), action_heads(self._dynamics.appearance), tokenizer)
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if len(self._policy.table) > MAX_CACHED_BOXES:
-            self._policy = self._new_policy()
+            self._policy = replace(self._policy, table=BoxFeatureTable())
         policy, dynamics = self._policy, self._dynamics
         scenes, unread = _scenes(observations.images, dynamics.appearance.name)
         self._latest = observations.statements, policy.table.indices(scenes), observations.targets

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.common.attention import MAX_WORDS
-from lilgym_mp.learning.common.optimisation import optimise
+from lilgym_mp.learning.common.optimisation import optimise, warm_up
 from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, generated_examples, pairs_of
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import COLOURS, TOKENS, Pair, exchanged, tokens_recoloured
@@ -59,7 +59,7 @@ class TextPretraining:
 
     def step(self, done: float) -> float:
         """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises TrainingRunError."""
-        learning_rate = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
+        learning_rate = PARSER.learning_rate * warm_up(done, self._recipe.warmup) * (1 - done)
         return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
@@ -83,5 +83,5 @@ def pretrain_geometry(
         legal = torch.from_numpy(table.legal[chosen].astype(np.float32)).to(device)
         _, logits = geometry(geometry.item_terms(offsets).sum(1))
         loss = functional.binary_cross_entropy_with_logits(logits, legal)
-        learning_rate = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / warmup) * (1 - done)
+        learning_rate = GEOMETRY_LEARNING_RATE * warm_up(done, warmup) * (1 - done)
         optimise(optimiser, loss, math.inf, learning_rate)

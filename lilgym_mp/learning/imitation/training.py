@@ -22,7 +22,7 @@ from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model_file import precision
-from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
+from lilgym_mp.learning.common.optimisation import cosine_decay, optimise, warm_up
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.common.tasks import train_tasks
@@ -186,7 +186,7 @@ class Run(TrainingRun):
             outputs = network(batch.inputs, batch.targets)
         parts = losses(outputs, batch)
         loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
-        rate = recipe.learning_rate * learning_rate(recipe, done)
+        rate = recipe.learning_rate * (warm_up(done, recipe.warmup) * cosine_decay(done, LOWEST_RATE))
         optimise(self._optimiser, loss, recipe.gradient_norm, rate, **parts._asdict())
         counters.updates += 1
         counters.states += batch.truths.numel()
@@ -303,9 +303,3 @@ class Run(TrainingRun):
 
 
 train_imitation = training(Run)
-
-
-def learning_rate(recipe: ImitationRecipe, done: float) -> float:
-    """The learning rate relative to its peak: linear warm-up, then cosine decay."""
-    warm_up = min(1.0, (done + 1e-3) / recipe.warmup) if recipe.warmup else 1.0
-    return warm_up * cosine_decay(done, LOWEST_RATE)
