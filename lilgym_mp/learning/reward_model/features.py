@@ -69,22 +69,16 @@ class Exchange(NamedTuple):
         centre = np.arange(2 * CENTRE_BINS).reshape(2, CENTRE_BINS)
         if self.mirrored:
             gaps[0], centre[0] = gaps[0, ::-1].copy(), centre[0, ::-1].copy()
-        items = {
-            "tower": {"colour": colour, "below": neighbour, "above": neighbour},
-            "scatter": {
-                "colour": colour,
-                "shape": np.array(self.shapes),
-                "gaps": gaps.ravel(),
-                "centre": centre.ravel(),
-            },
-        }
-        boxes = {
+        moved = {
+            **dict.fromkeys(("colour", "top", "bottom"), colour),
+            **dict.fromkeys(("below", "above"), neighbour),
+            "shape": np.array(self.shapes),
+            "gaps": gaps.ravel(),
+            "centre": centre.ravel(),
             "counts": (colour[:, None] * CAPACITY + np.arange(CAPACITY)).ravel(),
-            "top": colour,
-            "bottom": colour,
             "pairs": (colour[:, None] * COLOURS + colour).ravel(),
         }
-        return _columns(ITEM_PARTS[appearance], items[appearance]), _columns(BOX_PARTS[appearance], boxes)
+        return _columns(ITEM_PARTS[appearance], moved), _columns(BOX_PARTS[appearance], moved)
 
 
 def _columns(parts: Mapping[str, int], moved: Mapping[str, Int64Array]) -> Int64Array:
