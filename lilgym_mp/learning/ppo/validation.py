@@ -54,7 +54,7 @@ class Validation:
         state, seed = self.state, self._recipe.seed
         if not self._task_ids or (state.best is not None and state.validated_at == steps):
             return
-        policy = playing(model, self._recipe, sampled=self._recipe.sampled)
+        policy = ModelPolicy(model.eval(), mask=self._recipe.mask, sampled=self._recipe.sampled)
         episodes = evaluate(policy, self._settings, TRAINING_SPLIT, seed=seed, task_ids=self._task_ids)
         model.clear_cache()
         accuracy = fmean([episode.is_success for episode in episodes])
@@ -84,7 +84,7 @@ class LearningCurve:
         """Appends a point, unless there is one at this step already."""
         if self.last == steps:
             return
-        point = self.evaluation(playing(model, self._recipe, sampled=True), steps)
+        point = self.evaluation(ModelPolicy(model.eval(), mask=self._recipe.mask, sampled=True), steps)
         model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
         self._run.record(point._asdict(), EVALUATIONS_FILE)
         self.last = steps
@@ -105,11 +105,6 @@ class LearningCurve:
     def _stopped_in_goal(self, episode: Episode) -> bool:
         last = scenes(self._dynamics, episode.start, episode.actions)[-1]
         return isinstance(episode.actions[-1], Stop) and self._matching[episode.task].solved_by(last)
-
-
-def playing(model: Model, recipe: PPORecipe, *, sampled: bool) -> ModelPolicy:
-    """The model's policy, in evaluation mode."""
-    return ModelPolicy(model.eval(), mask=recipe.mask, sampled=sampled)
 
 
 class DevEvaluation(NamedTuple):
