@@ -225,7 +225,7 @@ Arguments = ParamSpec("Arguments")
 
 
 def training(run: Callable[Arguments, TrainingRun]) -> Callable[Arguments, Any]:
-    """A function of the arguments that make a run: it trains, saves the agent and returns it."""
+    """The function that makes a run from its arguments and trains: it saves and returns the agent."""
 
     @wraps(run, assigned=["__doc__"], updated=[])
     def train(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Any:

@@ -67,7 +67,12 @@ class GameCounters(Counters):
 
 
 class Run(TrainingRun):
-    """A run that trains agents of the game; a step is a rollout with its updates."""
+    """Trains agents of the game until `minutes` of CPU time or `steps` turns are spent, whichever is first.
+
+    `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is played
+    with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start. `out`,
+    signals and errors as for PPO; with `steps` alone, a resumed run trains the same agents as an uninterrupted one.
+    """
 
     saves_agent_early = reports_every_step = True
 
@@ -84,13 +89,6 @@ class Run(TrainingRun):
         start_from: Path | None = None,
         **session: Unpack[Session],
     ) -> None:
-        """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first.
-
-        `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is
-        played with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start.
-        `out`, signals and errors as for PPO; with `steps` alone, a resumed run trains the same agents as an
-        uninterrupted one.
-        """
         super().__init__(out, Budget("steps", steps, minutes), session)
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, split="train", reveal_truth=True)

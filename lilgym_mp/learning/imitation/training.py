@@ -82,7 +82,13 @@ class ImitationCounters(Counters):
 
 
 class Run(TrainingRun):
-    """A run of imitation."""
+    """Trains an agent by imitation.
+
+    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
+    with `updates` alone equal arguments give equal agents. With a `teacher`, the run of a reward model, its search is
+    imitated instead of the expert: expert iteration, from rewards and the rules of editing. `out`, signals and errors
+    as for PPO, but an interrupted run saves no agent.
+    """
 
     def __init__(
         self,
@@ -96,13 +102,6 @@ class Run(TrainingRun):
         teacher: Path | None = None,
         **session: Unpack[Session],
     ) -> None:
-        """The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent
-        first; with `updates` alone equal arguments give equal agents.
-
-        With a `teacher`, the run of a reward model, its search is imitated instead of the expert: expert iteration,
-        from rewards and the rules of editing. `out`, signals and errors as for PPO, but an interrupted run saves no
-        agent.
-        """
         super().__init__(out, Budget("updates", updates, minutes), session)
         self.counters: ImitationCounters = ImitationCounters()
         self._settings, self._recipe, self._seed, self._is_taught = settings, recipe, seed, teacher is not None

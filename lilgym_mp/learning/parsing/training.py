@@ -97,13 +97,13 @@ def corpus_examples(corpus: str) -> list[Example]:
 
 
 class Run(TrainingRun):
-    """A run that trains one parser for all appearances in a corpus."""
+    """Trains one parser for all appearances in a corpus.
+
+    Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers. `out`,
+    signals and errors as for PPO, but an interrupted run saves no agent.
+    """
 
     def __init__(self, corpus: str, recipe: ParserRecipe, out: Path, **session: Unpack[Session]) -> None:
-        """Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers.
-
-        `out`, signals and errors as for PPO, but an interrupted run saves no agent.
-        """
         super().__init__(out, Budget("updates", recipe.updates), session)
         self.counters = Counters()
         self._corpus, self._recipe = corpus, recipe

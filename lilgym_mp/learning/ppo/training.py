@@ -72,7 +72,15 @@ class PPOCounters(Counters):
 
 
 class Run(TrainingRun):
-    """A run of PPO; a step is a rollout with its updates."""
+    """Trains an agent by PPO for `steps` environment steps in total, rounded up to whole rollouts with their updates.
+
+    `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
+    recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, at intervals
+    of that many steps, and at the end, without affecting training. With equal seed and threads an interrupted and
+    resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent after the current
+    rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`
+    or a loss that is not finite, CorpusError for unusable data.
+    """
 
     saves_agent_early = reports_every_step = True
 
@@ -88,15 +96,6 @@ class Run(TrainingRun):
         evaluate_every: int | None = None,
         **session: Unpack[Session],
     ) -> None:
-        """Trains for `steps` environment steps in total, rounded up to whole rollouts.
-
-        `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same
-        settings, recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the
-        start, at intervals of that many steps, and at the end, without affecting training. With equal seed and threads
-        an interrupted and resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent
-        after the current rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError
-        for an unusable `out` or a loss that is not finite, CorpusError for unusable data.
-        """
         super().__init__(out, Budget("steps", steps), session)
         self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name

@@ -66,7 +66,12 @@ class RewardModelCounters(Counters):
 
 
 class Run(TrainingRun):
-    """A run that trains a reward model."""
+    """Trains a reward model.
+
+    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
+    with `updates` alone equal arguments give equal agents. `out`, signals and errors as for PPO, but an interrupted run
+    saves no agent.
+    """
 
     def __init__(
         self,
@@ -79,11 +84,6 @@ class Run(TrainingRun):
         seed: int = 0,
         **session: Unpack[Session],
     ) -> None:
-        """The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent
-        first; with `updates` alone equal arguments give equal agents.
-
-        `out`, signals and errors as for PPO, but an interrupted run saves no agent.
-        """
         super().__init__(out, Budget("updates", updates, minutes), session)
         self.counters: RewardModelCounters = RewardModelCounters()
         self._settings, self._recipe, self._seed = settings, recipe, seed
