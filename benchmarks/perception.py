@@ -18,7 +18,7 @@ from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.scene import Item, Scene
-from lilgym_mp.scene.appearances import APPEARANCES, Appearance
+from lilgym_mp.scene.appearances import APPEARANCES, Appearance, make_appearance
 from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.drawing import SHRINKS
 
@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=10_000, help="scenes of random play per rule set")
     parser.add_argument("--size", choices=sorted(SHRINKS), default="half")
     given = parser.parse_args()
-    for name, appearance in APPEARANCES.items():
+    for name, appearance in ((name, make_appearance(name)) for name in APPEARANCES):
         begin = starts(given.corpus, name)
         read_scene(draw(begin[0], given.size), name)  # fills the tables
         report("starts", begin, name, given.size)

@@ -30,6 +30,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array
 
 from lilgym_mp.envs.masks import action_masks, attribute
+from lilgym_mp.envs.observation import row_of
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import BatchedGames
@@ -283,7 +284,7 @@ class _Vector(_Player):
 
     def _starts(self, observations: Any, infos: Any) -> list[Event]:
         assert observations in self.env.observation_space, "a batch's observation is not in its observation space"
-        return [Event(_row(observations, env_id), _info(infos, env_id)) for env_id in range(self.count)]
+        return [Event(row_of(observations, env_id), _info(infos, env_id)) for env_id in range(self.count)]
 
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
         batch = concatenate(self.action_space, actions, create_empty_array(self.action_space, self.count))
@@ -328,7 +329,7 @@ class _SB3(_Player):
         return [self._start(observations, env_id) for env_id in range(self.count)]
 
     def _start(self, observations: Any, env_id: int) -> Event:
-        return Event(_row(observations, env_id), dict(self.env.unwrapped.reset_infos[env_id]))
+        return Event(row_of(observations, env_id), dict(self.env.unwrapped.reset_infos[env_id]))
 
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
         observations, rewards, dones, infos = self.env.step(np.array(actions))
@@ -341,7 +342,7 @@ class _SB3(_Player):
                 last = Event(info["terminal_observation"], own, reward, not cut, cut)
                 events.append([last, self._start(observations, env_id)])
             else:
-                events.append([Event(_row(observations, env_id), own, reward)])
+                events.append([Event(row_of(observations, env_id), own, reward)])
         return events
 
     def masks(self) -> Sequence[Any]:
@@ -406,7 +407,7 @@ class _Games(_GamePlayer):
 
     def reset(self, seed: int | None) -> list[Event]:
         observations, _ = self.env.reset(seed=seed)
-        self.last = [Event(_row(observations, index), None) for index in range(self.count)]
+        self.last = [Event(row_of(observations, index), None) for index in range(self.count)]
         return self.last
 
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
@@ -414,8 +415,8 @@ class _Games(_GamePlayer):
         observations, rewards, terminated, truncated, infos = self.env.step(batch)
         events: list[list[Event]] = []
         for index in range(self.count):
-            now = Event(_row(observations, index), None)
-            outcome = _row(rewards, index), terminated[index], truncated[index]
+            now = Event(row_of(observations, index), None)
+            outcome = row_of(rewards, index), terminated[index], truncated[index]
             if terminated[index] or truncated[index]:
                 last = Event(infos["final_observation"][index], infos["final_info"][index], *outcome)
                 events.append([last, now])
@@ -423,11 +424,6 @@ class _Games(_GamePlayer):
                 events.append([Event(now.observation, None, *outcome)])
         self.last = [each[-1] for each in events]
         return events
-
-
-def _row(batch: Any, index: int) -> Any:
-    """One environment's part of a batch of observations."""
-    return {key: _row(part, index) for key, part in batch.items()} if isinstance(batch, Mapping) else batch[index]
 
 
 def _info(infos: Mapping[str, Any], env_id: int) -> dict[str, Any]:

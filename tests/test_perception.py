@@ -14,7 +14,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.render import draw
 from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
 
@@ -33,7 +33,7 @@ def check_recovered(scenes: list[Scene], appearance: str, image_size: str) -> No
 def random_play_scenes(appearance: str, rules: str, starts: list[Scene], count: int) -> list[Scene]:
     """Scenes of random legal play, twelve edits from each start."""
     rng = np.random.default_rng(7)
-    by_name, placement = APPEARANCES[appearance], RULE_SETS[rules].placement
+    by_name, placement = make_appearance(appearance), RULE_SETS[rules].placement
     scenes: list[Scene] = []
     while len(scenes) < count:
         shown = starts[int(rng.integers(len(starts)))]

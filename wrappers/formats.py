@@ -255,6 +255,7 @@ class Embedding(Format):
             raise ValueError(f"encoder must be a function of a statement or have an encode method, not {encoder!r}")
         self._encoder = encoder
         self._by_statement: dict[str, Float32Array] = {}
+        self._statements = np.array([task.statement for task in description.tasks], object)
         first = self._encode(description.tasks[0].statement)
         if first.ndim != 1 or not first.size:
             raise ValueError(f"encoder must return a vector, not an array of shape {first.shape}")
@@ -264,7 +265,8 @@ class Embedding(Format):
         return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {STATEMENT: np.stack([self._embedding(statement) for statement in state.statements()])}
+        statements = state.by_task(self._statements, lambda task: task.statement)
+        return {STATEMENT: np.stack([self._embedding(statement) for statement in statements])}
 
     def _embedding(self, statement: str) -> Float32Array:
         if statement not in self._by_statement:

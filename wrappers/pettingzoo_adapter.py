@@ -13,12 +13,12 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.envs.interface import UNCHANGED_REWARD
+from lilgym_mp.envs.observation import row_of
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
 from lilgym_mp.scene.arrays import Int8Array
 from lilgym_mp.wrappers.transformation import (
-    Batch,
     EnvDescription,
     EnvState,
     Transformation,
@@ -125,7 +125,9 @@ class GameLayer:
         transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
         state = self._state(role, mask)
         if transformation.changes_observations:
-            parts = _first(transformation.observations(stacked([parts]), state))
+            parts = row_of(
+                transformation.observations(stacked([parts]), state), 0
+            )  # scalars stay NumPy's, as PettingZoo's tests demand
         if role is PROPOSER and PROPOSER in self._engine.movers:
             narrowed = mask * transformation.action_masks(state)[0]
             mask = narrowed if narrowed.any() else mask
@@ -135,8 +137,3 @@ class GameLayer:
         """`mask`: the agent's legal actions, None if not needed."""
         masks = None if mask is None else mask[None].astype(np.bool_)
         return EnvState(self._transformations[role].env_description, (self._engine.state.mdp,), masks)
-
-
-def _first(batch: Batch) -> Any:
-    """The first value of a batch. Scalars stay NumPy's, as PettingZoo's tests demand."""
-    return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]

@@ -17,14 +17,12 @@ from PIL import Image
 
 from lilgym_mp.envs.observation import StatementSpace, statement_space
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance, Grid
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
-from lilgym_mp.scene.render.characters import ruled
-from lilgym_mp.scene.render.characters import text as drawing
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
@@ -54,11 +52,9 @@ LEGAL_LENGTH = 12  # per action, if listed by cell
 
 SCENE_STYLES = {  # whether the scene is shown as a picture
     "list": False,
-    "drawing": False,
     "image": True,
     "both": True,  # a picture and a list
 }
-MARKS = {Shape.CIRCLE: "ykb", Shape.SQUARE: "YKB", Shape.TRIANGLE: "123"}  # in drawings, one per colour
 
 
 class TextFormat(Transformation):
@@ -144,8 +140,6 @@ def shown_lines(scene: Scene, appearance: Appearance, style: str, *, rules: bool
         yield f"Scene: the picture, of {IMAGE_WIDTH} x {IMAGE_HEIGHT} pixels, with the boxes LEFT, MIDDLE and RIGHT."
     if style == "image":
         yield from cell_lines(appearance) if rules else ()
-    elif style == "drawing":
-        yield from drawing_lines(scene, appearance)
     else:
         yield from (SCALE, *cell_lines(appearance)) if rules else ()
         yield from item_lines(scene, appearance)
@@ -194,21 +188,6 @@ def item_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
             words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
             place = f"of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
             yield f"  {words} {place}{_cell_of(item, index, appearance)}"
-
-
-def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
-    """The scene as ASCII art, with column and row numbers."""
-    yield (
-        "Scene: three boxes, drawn with a character for each 5 x 10 pixels. "
-        + "; ".join(
-            f"{shape.name.lower()}s " + ", ".join(f"{MARKS[shape][colour]} {colour.name.lower()}" for colour in Colour)
-            for shape in appearance.shapes
-        )
-        + "."
-    )
-    yield from cell_lines(appearance)
-    art = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
-    yield ruled(art, appearance.grid)
 
 
 def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
@@ -341,10 +320,10 @@ class TextObservation(EnvWrapper[TextFormat]):
     with names and numbers (by cell, if there are more than 64).
 
     `parse_action(reply)` parses an agent's reply to an action index. `default`: the name or number of the action for
-    replies without a clear choice. `scene`: "list", "drawing" for ASCII art, "image" for a picture instead, or "both"
-    for a picture and a list; pictures are in info["images"], a list of one PIL image of 380 x 100 pixels.
-    `legal_actions`: False omits the list. `thoughts`: tags of thoughts, which are not read (`replies.THOUGHTS`). Raises
-    ValueError for another `scene` or a `default` that is not an action.
+    replies without a clear choice. `scene`: "list", "image" for a picture instead, or "both" for a picture and a list;
+    pictures are in info["images"], a list of one PIL image of 380 x 100 pixels. `legal_actions`: False omits the list.
+    `thoughts`: tags of thoughts, which are not read (`replies.THOUGHTS`). Raises ValueError for another `scene` or a
+    `default` that is not an action.
     """
 
     def __init__(

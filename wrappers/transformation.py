@@ -132,14 +132,6 @@ class EnvState:
             found[row] = make(self.states()[row].task)
         return found
 
-    def statements(self) -> list[str]:
-        """The statements of the current tasks."""
-        tasks = self._description.tasks
-        return [
-            (tasks[index] if index < len(tasks) else self.states()[row].task).statement
-            for row, index in enumerate(self.task_indices.tolist())
-        ]
-
     @property
     def steps(self) -> Int64Array:
         """(B,) actions taken."""

@@ -63,10 +63,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=int, metavar="N", help="only the first N tasks (default: all)")
     parser.add_argument(
         "--scene",
-        choices=["list", "drawing", "image", "both"],
+        choices=["list", "image", "both"],
         default="list",
-        help="show scenes as a list of items, as a character drawing, as a picture for models that see, or as a picture"
-        " and a list (default: %(default)s)",
+        help="show scenes as a list of items, as a picture for models that see, or as both (default: %(default)s)",
     )
     parser.add_argument("--no-legal-actions", action="store_true", help="do not list the legal actions")
     parser.add_argument("--no-system", action="store_true", help="state the rules in the first user message")

@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_seed(parser, "of the tasks")
     parser.add_argument(
         "--scene",
-        choices=["list", "drawing", "image", "both"],
+        choices=["list", "image", "both"],
         default="list",
         help='how plan and truth prompts show the scene; unless a list, rows have "messages", pictures in base64'
         " (default: %(default)s)",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.placement import is_free
 
@@ -61,7 +61,7 @@ class Sampler(NamedTuple):
 
 
 def _random_tower(rng: random.Random) -> Scene:
-    tower = APPEARANCES["tower"]
+    tower = make_appearance("tower")
     colours = rng.sample(list(Colour), rng.choice(ATTRIBUTE_VALUE_COUNTS))
     scene = Scene.empty()
     while not any(scene.items()):
@@ -72,7 +72,7 @@ def _random_tower(rng: random.Random) -> Scene:
 
 
 def _changed_tower(rng: random.Random, scene: Scene) -> Scene:
-    tower = APPEARANCES["tower"]
+    tower = make_appearance("tower")
     while True:
         changed = tower.apply(scene, tower.decode(rng.randrange(1, tower.action_count)), _PLACEMENT)
         if changed.invalid is None and any(changed.scene.items()):

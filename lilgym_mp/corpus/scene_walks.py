@@ -16,7 +16,7 @@ from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, sc
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Item, Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.scene.appearances import APPEARANCES, RELEASED_GRID
+from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 
 RULES = RULE_SETS["paper"]
 SUCCESSORS = 3  # most successors of an expanded scene
@@ -117,7 +117,7 @@ def _random_walk(appearance: str, scene: Scene, rng: random.Random, lengths: tup
 
 def _successor(appearance: str, scene: Scene, rng: random.Random, palette: ItemTypes, boxes: list[int]) -> Scene | None:
     """The scene after a random ADD that a REMOVE undoes; None if none was found."""
-    geometry = APPEARANCES[appearance]
+    geometry = make_appearance(appearance)
     for _ in range(TRIES):
         box_index = rng.choice(boxes)
         action = _random_add(appearance, rng, palette, box_index)

@@ -15,7 +15,7 @@ from lilgym_mp.corpus.records import Record, check_prose, check_text, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Item, Scene, SceneError
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import BOOLEANS
 
 MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids
@@ -99,7 +99,7 @@ class TaskReader:
     """Validates records of one appearance and converts them to tasks; equal texts, boxes and scenes are shared."""
 
     def __init__(self, appearance: str, faults: list[Fault]) -> None:
-        self._check_scene = APPEARANCES[appearance].check_scene
+        self._check_scene = make_appearance(appearance).check_scene
         self._faults = faults
         self._empty = self._check_scene(Scene.empty())
         self._programs: dict[str, Program | None] = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NoReturn, TypedDict
 
 import numpy as np
@@ -80,6 +80,11 @@ def statement_arrays(
     if vocabulary is not None or length is not None:
         raise ValueError(f'vocabulary and length belong to observation="{ARRAYS}"')
     return None
+
+
+def row_of(batch: Any, index: Any) -> Any:
+    """One environment's part of a batch of observations, or with an array of indices a copy of several."""
+    return {name: row_of(part, index) for name, part in batch.items()} if isinstance(batch, Mapping) else batch[index]
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:

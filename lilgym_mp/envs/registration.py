@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import gymnasium as gym
 
-from lilgym_mp.scene.appearances import BUILDERS, Builder
+from lilgym_mp.scene.appearances import APPEARANCES, Builder
 from lilgym_mp.scene.choices import choose, load_extensions, register
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
@@ -14,13 +14,13 @@ START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
 def configuration_name(appearance: str = "tower", start: str = "scratch") -> str:
     """Such as "TowerFlipIt". Raises ValueError naming the choices."""
-    choose("appearance", appearance, BUILDERS)
+    choose("appearance", appearance, APPEARANCES)
     return f"{appearance.capitalize()}{choose('start', start, START_TITLES)}"
 
 
 def configurations() -> Mapping[str, tuple[str, str]]:
     """Appearance and start of every configuration, by its name."""
-    known = [(appearance, start) for appearance in BUILDERS for start in START_TITLES]
+    known = [(appearance, start) for appearance in APPEARANCES for start in START_TITLES]
     return {configuration_name(*parts): parts for parts in known}
 
 
@@ -46,7 +46,7 @@ def register_appearance(name: str, build: str | Builder) -> None:
     `build`: a function of the grid that returns an Appearance, or "module:function", imported when first used.
     Raises ValueError for a name that is taken.
     """
-    register("appearance", name, build, BUILDERS)
+    register("appearance", name, build, APPEARANCES)
     register_all()
 
 

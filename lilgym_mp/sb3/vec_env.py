@@ -20,7 +20,7 @@ from lilgym_mp.envs.checks import checked_count, checked_options
 from lilgym_mp.envs.interface import RESET_OPTIONS
 from lilgym_mp.envs.keywords import check_sb3_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
-from lilgym_mp.envs.observation import ARRAYS
+from lilgym_mp.envs.observation import ARRAYS, row_of
 from lilgym_mp.envs.preload import preload_tasks
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
@@ -65,10 +65,10 @@ class BatchVecEnv(VecEnv):
         infos = [{name: to_python(value) for name, value in row.items()} for row in rows]
         dones = np.logical_or(terminated, truncated)
         if len(env_ids := dones.nonzero()[0]):
-            last = _indexed(observations, env_ids)
+            last = row_of(observations, env_ids)
             observations, new = self._lists.reset(options={"reset_mask": dones})
             for index, env_id in enumerate(env_ids.tolist()):
-                infos[env_id]["terminal_observation"] = _indexed(last, index)
+                infos[env_id]["terminal_observation"] = row_of(last, index)
                 infos[env_id]["TimeLimit.truncated"] = not terminated[env_id]
                 self.reset_infos[env_id] = new[env_id]
         return deepcopy(observations), np.asarray(rewards, np.float32), dones, infos
@@ -117,12 +117,6 @@ class BatchVecEnv(VecEnv):
         """Whether the batch is wrapped in it, or by the factory of that class."""
         classes = {kind for layer in layers(self.venv) for kind in (type(layer), getattr(layer, "wrapper_class", None))}
         return [wrapper_class in classes for _ in self._get_indices(indices)]
-
-
-def _indexed(observations: Any, index: Any) -> Any:  # of one environment, or a copy of several
-    if isinstance(observations, dict):
-        return {name: values[index] for name, values in observations.items()}
-    return observations[index]
 
 
 def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> BatchVecEnv:

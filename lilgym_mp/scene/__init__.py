@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import FrozenInstanceError
 from enum import IntEnum
 from itertools import product
-from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar, cast
+from typing import Any, NamedTuple, NoReturn, Protocol, Self, TypeVar, cast
 
 from lilgym_mp.scene.choices import listed
 
@@ -129,10 +129,16 @@ class Item(NamedTuple):
 
 
 class _Frozen:
-    """Base class of immutable classes with slots. A frozen dataclass takes three times as long to construct, and each
-    step constructs two."""
+    """Base class of immutable classes with slots, compared by `_content`. A frozen dataclass takes three times as long
+    to construct, and each step constructs two.
 
-    __slots__ = ()
+    `memo` caches values derived from the content (masks, geometry), which stay valid because it never changes. It is
+    not compared or pickled.
+    """
+
+    __slots__ = ("memo",)
+    memo: dict[Hashable, Any]
+    _content: Any
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise FrozenInstanceError(f"cannot set {name} of a {type(self).__name__}: make a new one")
@@ -140,21 +146,31 @@ class _Frozen:
     def __delattr__(self, name: str) -> NoReturn:
         raise FrozenInstanceError(f"cannot delete {name} of a {type(self).__name__}")
 
+    def __eq__(self, other: object) -> bool:
+        return self._content == other._content if isinstance(other, type(self)) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._content!r})"
+
+    def __reduce__(self) -> tuple[type[Self], tuple[Any]]:
+        return type(self), (self._content,)
+
+
+_set_memo: Callable[[_Frozen, dict[Hashable, Any]], None] = _Frozen.__dict__["memo"].__set__
+
 
 class Box(_Frozen):
-    """The items of one box in the order they were added.
+    """The items of one box in the order they were added."""
 
-    `memo` caches values derived from the items (masks, geometry), which stay valid because a box never changes. It is
-    not compared or pickled.
-    """
-
-    __slots__ = ("items", "memo")
+    __slots__ = ("items",)
     items: tuple[Item, ...]
-    memo: dict[Hashable, Any]
 
     def __init__(self, items: tuple[Item, ...] = ()) -> None:
         _set_items(self, items)
-        _set_box_memo(self, {})
+        _set_memo(self, {})
 
     def with_item(self, item: Item) -> Box:
         return Box((*self.items, item))
@@ -162,33 +178,20 @@ class Box(_Frozen):
     def without(self, index: int) -> Box:
         return Box(self.items[:index] + self.items[index + 1 :])
 
-    def __eq__(self, other: object) -> bool:
-        return self.items == other.items if isinstance(other, Box) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.items)
-
-    def __repr__(self) -> str:
-        return f"Box({self.items!r})"
-
-    def __reduce__(self) -> tuple[type[Box], tuple[tuple[Item, ...]]]:
-        return Box, (self.items,)
-
 
 _set_items: Callable[[Box, tuple[Item, ...]], None] = Box.__dict__["items"].__set__
-_set_box_memo: Callable[[Box, dict[Hashable, Any]], None] = Box.__dict__["memo"].__set__
+Box._content = Box.__dict__["items"]
 
 
 class Scene(_Frozen):
-    """Three boxes, left to right. `memo` as in `Box`."""
+    """Three boxes, left to right."""
 
-    __slots__ = ("boxes", "memo")
+    __slots__ = ("boxes",)
     boxes: tuple[Box, Box, Box]
-    memo: dict[Hashable, Any]
 
     def __init__(self, boxes: tuple[Box, Box, Box]) -> None:
         _set_boxes(self, boxes)
-        _set_scene_memo(self, {})
+        _set_memo(self, {})
 
     @classmethod
     def empty(cls) -> Scene:
@@ -240,21 +243,9 @@ class Scene(_Frozen):
             raise SceneError("; ".join(faults))
         return cls.of(*read)
 
-    def __eq__(self, other: object) -> bool:
-        return self.boxes == other.boxes if isinstance(other, Scene) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self.boxes)
-
-    def __repr__(self) -> str:
-        return f"Scene({self.boxes!r})"
-
-    def __reduce__(self) -> tuple[type[Scene], tuple[tuple[Box, Box, Box]]]:
-        return Scene, (self.boxes,)
-
 
 _set_boxes: Callable[[Scene, tuple[Box, Box, Box]], None] = Scene.__dict__["boxes"].__set__
-_set_scene_memo: Callable[[Scene, dict[Hashable, Any]], None] = Scene.__dict__["memo"].__set__
+Scene._content = Scene.__dict__["boxes"]
 
 
 def _box_items(box_index: int, data: object, faults: list[str]) -> Iterator[Item]:

@@ -73,7 +73,7 @@ def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
     assert repr(grid) in str(fault.value)
 
 
-@pytest.mark.parametrize("appearance", [*APPEARANCES.values(), Scatter((38, 10))], ids=str)
+@pytest.mark.parametrize("appearance", [*map(make_appearance, APPEARANCES), Scatter((38, 10))], ids=str)
 def test_appearance__is_a_value(appearance: Any):
     copied = pickle.loads(pickle.dumps(appearance))
     assert copied == appearance

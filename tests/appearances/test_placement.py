@@ -134,7 +134,7 @@ def test_random_positions__overlap_distance_and_move_equal_shapelys_in_every_box
 def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint: int):
     assert shape_area(footprint) / AREA_UNIT == pytest.approx(script.footprint_polygon(footprint, 0, 0).area, abs=1e-6)
     for width, height in ((1, 1), (20, 20), (10, 5), (20, 100)):
-        table = np.array(cell_areas(width, height)[footprint])
+        table = cell_areas(width, height)[footprint]
         places = [(dx, dy) for dx in range(1 - width, 30) for dy in range(1 - height, 30)]
         cells = np.array([shapely.box(dx, dy, dx + width, dy + height) for dx, dy in places])
         areas = shapely.area(shapely.intersection(script.footprint_polygon(footprint, 0, 0), cells))

@@ -15,7 +15,7 @@ from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from tests.scenes import items_apart
 
 Entries = list[dict[str, Any]]
@@ -31,7 +31,7 @@ def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed: in
     scene = SAMPLERS[appearance].scene(rng)
     changed = SAMPLERS[appearance].changed(rng, scene)
     for one in (scene, changed):
-        APPEARANCES[appearance].check_scene(one)
+        make_appearance(appearance).check_scene(one)
         assert any(one.items())
     assert items_apart(scene, changed) == 1
 

@@ -23,7 +23,7 @@ from tests.envs.lamps import NAME, Lamps
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """The new appearance is known for the time of the test."""
-    monkeypatch.setitem(appearances.BUILDERS, NAME, lambda grid: Lamps())
+    monkeypatch.setitem(appearances.APPEARANCES, NAME, lambda grid: Lamps())
 
 
 @pytest.fixture
@@ -82,6 +82,6 @@ def test_third_appearance__is_refused_by_expert_and_generator():
 
 
 def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delitem(appearances.BUILDERS, NAME)
+    monkeypatch.delitem(appearances.APPEARANCES, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         LilGymEnv(appearance=NAME)

@@ -17,7 +17,7 @@ from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from tests.scenes import items_apart
 
 STABLE = ("generated:2", "tower", "flipit", "dev")
@@ -108,7 +108,7 @@ def test_load__rejects_malformed_names(corpus: str, message: str):
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_scene_pool__successors_are_one_legal_edit_apart(appearance: str):
     pool = ScenePool.sample(appearance, random.Random(4), 4)
-    dynamics = make_dynamics(APPEARANCES[appearance])
+    dynamics = make_dynamics(make_appearance(appearance))
     for expansion in (expansion for walk in pool.walks for expansion in walk[:2]):
         task = Task("", "", "exist(all_items)", True, expansion.scene)
         state = dynamics.start(task)
@@ -122,4 +122,4 @@ def test_scene_pool__scenes_from_empty_are_in_reach_of_the_horizon(appearance: s
     pool = ScenePool.sample(appearance, random.Random(4), 12)
     counts = {sum(1 for _ in scene.items()) for scene in pool.from_empty()}
     assert {0, 1, 2} < counts
-    assert max(counts) < make_dynamics(APPEARANCES[appearance]).horizon
+    assert max(counts) < make_dynamics(make_appearance(appearance)).horizon

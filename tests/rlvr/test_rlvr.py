@@ -30,7 +30,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from lilgym_mp.solver import Solver
 from tests.scenes import B, K, Y, scene, tower
 from tests.stress.hostile_replies import examined
@@ -69,7 +69,7 @@ def test_expert__finds_the_plan_of_a_row_that_needs_a_long_search():
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("lengths", [(4, 5), (2, 2)])
 def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance: str, lengths: tuple[int, int]):
-    solver = Solver(make_dynamics(APPEARANCES[appearance]))
+    solver = Solver(make_dynamics(make_appearance(appearance)))
     for row in some("plan", appearance, 3, min_actions=lengths[0], max_actions=lengths[1]):
         assert row.steps in lengths
         assert solver.solve(row.task).steps == row.steps
@@ -84,7 +84,7 @@ def test_splits__share_no_meaning_and_statements_are_not_repeated():
 
 
 def test_truth_rows__come_in_pairs_one_edit_apart():
-    dynamics = make_dynamics(APPEARANCES["tower"])
+    dynamics = make_dynamics(make_appearance("tower"))
     edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
 
     def edited(task: Task) -> list[Scene]:
@@ -268,7 +268,7 @@ def test_row__that_cannot_be_scored_is_refused(change: dict[str, Any], message: 
 
 def test_conversation__plays_one_action_for_each_reply():
     for row in some("plan", count=4):
-        talk, solver = Conversation(row), Solver(make_dynamics(APPEARANCES["tower"]))
+        talk, solver = Conversation(row), Solver(make_dynamics(make_appearance("tower")))
         assert row.task.statement in talk.prompt
         total = 0.0
         while not talk.done:

@@ -30,7 +30,7 @@ def start_scenes(appearance: str) -> list[Scene]:
         corpora += [("lilgym", split) for split in ("train", "dev")]
     tasks = (task for corpus, split in corpora for task in load_tasks(corpus, appearance, "flipit", split))
     scenes = {tuple(box.items for box in task.start.boxes): task.start for task in tasks}
-    return [APPEARANCES[appearance].check_scene(Scene.empty()), *scenes.values()]
+    return [make_appearance(appearance).check_scene(Scene.empty()), *scenes.values()]
 
 
 def played_scenes(dynamics: Dynamics, starts: list[Scene], count: int, rng: random.Random) -> list[Scene]:

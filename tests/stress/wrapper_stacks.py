@@ -48,7 +48,7 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "steps_left": ({},),
     "stop_forcing": ({"mode": "mask"}, {"mode": "replace"}, {"mode": "observe"}),
     "structured_observation": ({}, {"keep_image": True}),
-    "text_observation": ({}, {"scene": "drawing"}, {"legal_actions": False}),
+    "text_observation": ({}, {"scene": "both"}, {"legal_actions": False}),
     "tokenized_statement": ({}, {"length": 40}),
 }
 

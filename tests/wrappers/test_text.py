@@ -272,22 +272,10 @@ def test_text__states_the_rewards_of_the_rule_set(make: Make, rules: str, last: 
     assert f"the episode also ends with action 7, and if that is no STOP, its reward is {last}." in text
 
 
-def test_drawing__shows_shapes_colours_and_cells(make: Make):
-    env = TextObservation(make("ScatterScratch"), scene="drawing", legal_actions=False)
-    text, _ = env.reset(seed=0)
-    text, *_ = env.step(env.parse_action("ADD(8, 3, SQUARE, BLUE, MEDIUM)").action)
-    lines = text.splitlines()
-    rows = [index for index, line in enumerate(lines) if "BBBB" in line]
-    assert len(rows) == 2  # of 10 pixels each
-    assert lines[rows[0]].index("BBBB") == lines[rows[0] - 8].index("8") == 29
-    assert "Legal actions" not in text
-    assert text in env.observation_space
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"scene": "picture"}, "unknown scene 'picture'; choose from both, drawing, image, list"),
+        ({"scene": "picture"}, "unknown scene 'picture'; choose from both, image, list"),
         ({"default": 99}, "default must be the number or name of an action, not 99"),
     ],
 )

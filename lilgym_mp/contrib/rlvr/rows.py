@@ -97,7 +97,7 @@ class Row:
                 fields = cast("Mapping[str, Any]", told)
                 told = {**fields, "start": json.loads(fields.get("start", "null"))}
             task = Task.from_json(told)
-            APPEARANCES[appearance].check_scene(task.start)
+            make_appearance(appearance).check_scene(task.start)
             value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
             if kind == "plan" and value == task.target:
                 raise ValueError("the statement has the target value at the start, so there is no plan")
@@ -145,7 +145,7 @@ def images_of(row: Row) -> list[Image.Image]:
 
 
 def messages_of(row: Row, scene: str = "list", *, inline: bool = True) -> list[dict[str, Any]]:
-    """The prompt as one user message. `scene`: "list", "drawing", "image" or "both", of rows with a picture.
+    """The prompt as one user message. `scene`: "list", "image" or "both", of rows with a picture.
 
     A picture is a content part before the text: PNG in a data URL, as OpenAI's chat API takes it, or, unless `inline`,
     {"type": "image"}, which stands for `images_of(row)`, as in TRL and transformers. Raises ValueError for another

@@ -27,7 +27,7 @@ from lilgym_mp.corpus.writing import LabelledScene
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import make_appearance
 
 SPLIT_SIZES = {"train": 250, "dev": 50, "test": 100}  # numbers of statements
 SPLIT_WEIGHTS = {"train": 7, "dev": 1, "test": 2}  # shares of all meanings
@@ -148,7 +148,7 @@ def _meaning_scenes(appearance: str) -> tuple[Scene, ...]:
 
 
 def _tasks(name: str, entry: Entry, appearance: str, start: str) -> Iterator[Task]:
-    check_scene = APPEARANCES[appearance].check_scene
+    check_scene = make_appearance(appearance).check_scene
     if start == SCRATCH:
         yield Task(name, entry.statement, entry.program, True, check_scene(Scene.empty()))
         return

@@ -49,11 +49,12 @@ class CompiledCore(Core):
             versions=np.zeros(rows, np.int64),
             weighted=np.zeros((rows, side, side), np.uint8),
             images=buffers.image.reshape(len(buffers.image), -1),
-            uses_fallback=np.zeros(len(buffers.image), np.bool_),
+            is_unfit=np.zeros(len(buffers.image), np.bool_),
         )
         self._starts = StartScenes(
             items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
             counts=np.zeros(BOX_COUNT * len(tasks), np.int64),
+            is_unfit=np.zeros(len(tasks), np.bool_),
         )
         self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
         self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
@@ -102,15 +103,11 @@ class CompiledCore(Core):
         kernels.start_episodes(self._drawing, self._current, self._starts, env_ids, tasks)
 
     def _add_start(self, task: int) -> None:
-        for row, box in enumerate(self._start_scene(task).boxes, BOX_COUNT * task):
+        for row, box in enumerate(self._tasks[task].start.boxes, BOX_COUNT * task):
             self._starts.counts[row] = len(box.items)
             self._starts.items[row] = NO_ITEM
             self._starts.items[row, : len(box.items)] = [item_code(item) for item in box.items]
         self._has_start[task] = True
-
-    def _start_scene(self, task: int) -> Scene:
-        """The start scene that is put into the arrays."""
-        return self._tasks[task].start
 
     def write_items(self) -> None:
         written = self._buffers.items.reshape(len(self._written_items), *self._buffers.items.shape[2:])

@@ -24,6 +24,7 @@ from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 
 NO_ITEM = -1
+BEYOND = 64  # pixels that an item may lie outside its box, to the left or above
 BITS = 62  # bits of an int64 used for a mask
 UNKNOWN = -(2**40)  # sentinel instead of a truth value: the program itself must be called
 SIZE_COUNT = len(Size)
@@ -54,14 +55,14 @@ def compiling(compiled: Any) -> AbstractContextManager[None]:
 
 @inlined
 def encode_item(x: int, y: int, item_type: int) -> int:
-    """An item as one int: x, y and item type in a byte each."""
-    return (x << 16) | (y << 8) | item_type
+    """An item as one int: x, y and item type in a byte each; x and y are at least -BEYOND."""
+    return ((x + BEYOND) << 16) | ((y + BEYOND) << 8) | item_type
 
 
 @inlined
 def decode_item(item: int) -> tuple[int, int, int]:
     """x, y and item type of an item."""
-    return item >> 16, (item >> 8) & 255, item & 255
+    return (item >> 16) - BEYOND, ((item >> 8) & 255) - BEYOND, item & 255
 
 
 class DrawingTables(NamedTuple):
@@ -90,7 +91,7 @@ class Scenes(NamedTuple):
     versions: Int64Array  # (3 N,) increases with every change of the box: by 1 if an item is added, else by 2 or more
     weighted: UInt8Array  # (3 N, side, side) weighted counts of coloured pixels, as in `render.Palette`
     images: UInt8Array  # (N, height * width * 3)
-    uses_fallback: BoolArray  # (N,) environments whose scenes these arrays cannot represent
+    is_unfit: BoolArray  # (N,) environments with items outside their box or overlapping: not drawn here
 
 
 class StartScenes(NamedTuple):
@@ -98,6 +99,7 @@ class StartScenes(NamedTuple):
 
     items: Int64Array  # (3 tasks, capacity)
     counts: Int64Array  # (3 tasks,)
+    is_unfit: BoolArray  # (tasks,) as in `Scenes`
 
 
 @kernel
@@ -107,6 +109,7 @@ def start_episodes(
     """Sets the scenes of environments (k,) to the start scenes of tasks (k,) and draws them."""
     for k in range(len(env_ids)):
         env_id = env_ids[k]
+        scenes.is_unfit[env_id] = starts.is_unfit[tasks[k]]
         for index in range(drawing.background.shape[0]):
             scenes.images[env_id, index] = drawing.background[index]
         for box in range(BOX_COUNT):
@@ -125,7 +128,9 @@ def start_episodes(
 
 @inlined
 def draw_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int, sign: int) -> None:
-    """Draws an item (sign 1) or erases it (sign -1). Items must not share native pixels."""
+    """Draws an item (sign 1) or erases it (sign -1), unless the scene is unfit. Items must not share native pixels."""
+    if scenes.is_unfit[row // BOX_COUNT]:
+        return
     x, y, item_type = decode_item(item)
     odd_x, odd_y, shrink = x & 1, y & 1, drawing.shrink
     left, top, env_id = (x - odd_x) // shrink, (y - odd_y) // shrink, row // BOX_COUNT
@@ -245,7 +250,7 @@ def evaluate_programs(
 ) -> int:
     """Evaluates programs `chosen` (k,), by index, in environments (k,); writes 0, 1 or UNKNOWN into `truths` (k,).
 
-    UNKNOWN also for a negative index and for scenes that the arrays cannot represent. Returns the number of UNKNOWN.
+    UNKNOWN also for a negative index and for unfit scenes. Returns the number of UNKNOWN.
     `stacks`: (3 N,) stack indices of Tower; `values` (MAX_INSTRUCTIONS,): scratch buffer.
     """
     unknown = 0
@@ -253,7 +258,7 @@ def evaluate_programs(
         first_row = env_ids[k] * BOX_COUNT
         truths[k] = UNKNOWN
         unknown += 1
-        if chosen[k] < 0 or scenes.uses_fallback[env_ids[k]]:
+        if chosen[k] < 0 or scenes.is_unfit[env_ids[k]]:
             continue
         most = 0
         for box in range(BOX_COUNT):

@@ -41,17 +41,14 @@ class ScalarCore(Core):
         buffers, dynamics, scenes = self._buffers, self.dynamics, self._scenes
         for env_id in (self._all_env_ids if env_ids is None else env_ids).tolist():
             action = dynamics.appearance.decode(int(buffers.action[env_id]))
-            after, result, invalid = dynamics.step(self.state(env_id), action)
+            before = State(self._tasks[buffers.task[env_id]], scenes[env_id], int(buffers.steps[env_id]))
+            after, result, invalid = dynamics.step(before, action)
             if after.scene is not scenes[env_id]:
                 scenes[env_id] = after.scene
                 self._canvases[env_id].show(after.scene)
             buffers.steps[env_id] = after.steps
             buffers.result[env_id] = result.code
             buffers.invalid[env_id] = NO_REASON if invalid is None else REASON_INDICES[invalid]
-
-    def state(self, env_id: int) -> State:
-        buffers = self._buffers
-        return State(self._tasks[buffers.task[env_id]], self._scenes[env_id], int(buffers.steps[env_id]))
 
     def _scenes_of(self, env_ids: Int64Array) -> list[Scene]:
         return [self._scenes[env_id] for env_id in env_ids.tolist()]

@@ -1,12 +1,13 @@
-"""Kernels of Scatter: edits and masks, with the tables of `tables` and `scene.appearances.cell_places`."""
+"""Kernels of Scatter: edits and masks, by lookup tables that are derived from those of the scalar rules."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lilgym_mp.envs.buffers import NO_REASON
+from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.envs.cores.kernels import (
     DrawingTables,
     Scenes,
@@ -17,22 +18,90 @@ from lilgym_mp.envs.cores.kernels import (
     inlined,
     kernel,
 )
-from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
-from lilgym_mp.scene import BOX_COUNT
-from lilgym_mp.scene.appearances import numbering
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Item
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, numbering, placement
+from lilgym_mp.scene.appearances.base import LAST_CORNER
 from lilgym_mp.scene.appearances.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
 from lilgym_mp.scene.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, OFFSET_LIMIT, OVERLAPPING, TIED
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
-FALLBACK = -2  # sentinel instead of a reason: the scalar rules must make this edit (see `ScatterCore`)
-TIE = -3  # sentinel instead of a reason: ambiguous snap, resolved by `tied_move`
+TIE = -2  # sentinel instead of a reason: ambiguous snap, resolved by `tied_move`
 ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
+MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
 NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 
 cell_and_item_type = inlined(numbering.cell_and_item_type)
 add_index = inlined(numbering.add_index)
 remove_index = inlined(numbering.remove_index)
+
+
+class GridTables(NamedTuple):
+    """Tables for one grid and one rule set."""
+
+    clearance: UInt8Array  # `placement.PlacementTables`
+    moves: UInt8Array
+    areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
+    last_corners: Int64Array  # (9,) `LAST_CORNER`
+    cell_count: int  # cells of the grid
+    cell_width: int
+    cell_height: int
+    first_cells: Int64Array  # (3,) index of the first cell of each box
+    boxes: Int64Array  # (cells,) box of each cell; arbitrary on separators
+    xs: Int64Array  # (cells,) top-left pixel in the box
+    ys: Int64Array  # (cells,)
+    add_reasons: Int64Array  # (9, cells) by footprint: why an ADD is invalid in any scene, or NO_REASON
+    remove_reasons: Int64Array  # (cells,) likewise for a REMOVE
+    searches: bool
+    snaps: bool
+    keeps_unfit_snaps: bool
+    overlap: int  # index of InvalidReason.OVERLAP
+    nothing_to_remove: int
+
+
+def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
+    columns, rows = appearance.grid
+    width, height = appearance.cell
+    boxes, xs = (values.repeat(rows) for values in np.divmod(np.arange(columns) * width, BOX_PITCH))
+    ys = np.tile(np.arange(rows) * height, columns)
+    on_separator = xs >= BOX_SIDE
+    last = np.array(LAST_CORNER)
+    fits = np.maximum(xs, ys) <= last[:, None]
+    separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
+    tables = placement.placement_tables()
+    return GridTables(
+        clearance=tables.clearance,
+        moves=tables.moves,
+        areas=_area_ranks(width, height),
+        last_corners=last,
+        cell_count=appearance.cell_count,
+        cell_width=width,
+        cell_height=height,
+        first_cells=np.array([cells.start for cells in appearance.box_cells]),
+        boxes=boxes,
+        xs=xs,
+        ys=ys,
+        add_reasons=np.where(on_separator, separator, np.where(fits, NO_REASON, out_of_box)),
+        remove_reasons=np.where(on_separator, separator, NO_REASON),
+        searches=appearance.searches(rules),
+        snaps=not appearance.is_native,
+        keeps_unfit_snaps=rules.keeps_unfit_snaps,
+        overlap=REASON_INDICES[InvalidReason.OVERLAP],
+        nothing_to_remove=REASON_INDICES[InvalidReason.NOTHING_TO_REMOVE],
+    )
+
+
+def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
+    areas = placement.cell_areas(cell_width, cell_height)
+    _, ranks = np.unique(areas, return_inverse=True)
+    return ranks.reshape(areas.shape).astype(np.uint16)
+
+
+def tied_move(footprint: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
+    """The snap move, encoded as in `GridTables.moves`, if several pairs of points are nearest to each other."""
+    frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
+    move_x, move_y = placement.placement_tables().move(footprint, x, y, other, frame_x)
+    return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE
 
 
 @kernel
@@ -48,28 +117,25 @@ def edit_scatter_scenes(
     ties: Int64Array,
     scratch: Any,
 ) -> int:
-    """`Core._edit` for Scatter: takes actions (k,) in environments (k,) and writes `reasons` (k,), FALLBACK or TIE.
+    """`Core._edit` for Scatter: takes actions (k,) in environments (k,) and writes `reasons` (k,) or TIE.
 
-    FALLBACK marks edits of scenes that the arrays cannot represent. For a TIE, `ties` (k, 3) holds x and y of the new
-    item and the slot of the item it snaps to. `scratch`: as for `_write_free`. Returns the number of FALLBACK and TIE.
+    For a TIE, `ties` (k, 3) holds x and y of the new item and the slot of the item it snaps to. `scratch`: as for
+    `_write_free`. Returns the number of TIE.
     """
-    unresolved = 0
+    tied = 0
     for k in range(len(env_ids)):
         reasons[k] = NO_REASON
         if actions[k] == 0:
             continue
-        if scenes.uses_fallback[env_ids[k]]:
-            reasons[k] = FALLBACK
+        cell, item_type = cell_and_item_type(actions[k], tables.cell_count)
+        row = env_ids[k] * BOX_COUNT + tables.boxes[cell]
+        if item_type == REMOVES:
+            reasons[k] = _remove(tables, drawing, scenes, row, cell, applies[k])
         else:
-            cell, item_type = cell_and_item_type(actions[k], tables.cell_count)
-            row = env_ids[k] * BOX_COUNT + tables.boxes[cell]
-            if item_type == REMOVES:
-                reasons[k] = _remove(tables, drawing, scenes, row, cell, applies[k])
-            else:
-                reason, x, y, slot = _add(tables, places, drawing, scenes, row, cell, item_type, applies[k], scratch)
-                reasons[k], ties[k, 0], ties[k, 1], ties[k, 2] = reason, x, y, slot
-        unresolved += reasons[k] == FALLBACK or reasons[k] == TIE
-    return unresolved
+            reason, x, y, slot = _add(tables, places, drawing, scenes, row, cell, item_type, applies[k], scratch)
+            reasons[k], ties[k, 0], ties[k, 1], ties[k, 2] = reason, x, y, slot
+        tied += reasons[k] == TIE
+    return tied
 
 
 @inlined
@@ -100,13 +166,15 @@ def _add(
         x, y = x + dx, y + dy
         clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance >= FIRST_TOO_FAR or not tables.snaps:
-        return place_item(tables, drawing, scenes, row, item_type, x, y, NO_MOVE, applies), x, y, slot
+        place_item(tables, drawing, scenes, row, item_type, x, y, NO_MOVE, applies)
+        return NO_REASON, x, y, slot
     other_x, other_y, other_type = decode_item(scenes.items[row, slot])
     other_footprint = ITEM_TYPE_FOOTPRINT[other_type]
     move = tables.moves[footprint, other_footprint, x - other_x + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT]
-    if move == TIED:
+    if move == TIED or other_x < 0 or other_y < 0:
         return TIE, x, y, slot
-    return place_item(tables, drawing, scenes, row, item_type, x, y, int(move), applies), x, y, slot
+    place_item(tables, drawing, scenes, row, item_type, x, y, int(move), applies)
+    return NO_REASON, x, y, slot
 
 
 @inlined
@@ -152,19 +220,18 @@ def place_item(
     y: int,
     move: int,
     applies: bool,
-) -> int:
-    """Applies a snap move if the rules allow it; adds the item if `applies`. Returns NO_REASON or FALLBACK."""
+) -> None:
+    """Applies a snap move if the rules allow it; adds the item if `applies`."""
     if move != NO_MOVE:
         new_x, new_y = x + move // MOVE_BASE - LARGEST_MOVE, y + move % MOVE_BASE - LARGEST_MOVE
         footprint = ITEM_TYPE_FOOTPRINT[item_type]
         inside = min(new_x, new_y) >= 0 and max(new_x, new_y) <= tables.last_corners[footprint]
-        if inside and _closest(tables, scenes, row, footprint, new_x, new_y)[0] != OVERLAPPING:
+        fits = inside and _closest(tables, scenes, row, footprint, new_x, new_y)[0] != OVERLAPPING
+        if fits or tables.keeps_unfit_snaps:
             x, y = new_x, new_y
-        elif tables.keeps_unfit_snaps:
-            return FALLBACK
+            scenes.is_unfit[row // BOX_COUNT] |= applies and not fits
     if applies:
         append_item(drawing, scenes, row, encode_item(x, y, item_type))
-    return NO_REASON
 
 
 @inlined

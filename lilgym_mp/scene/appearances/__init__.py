@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from functools import cache
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -32,28 +32,10 @@ __all__ = [
 ]
 
 Builder = Callable[[Grid], Appearance]
-BUILDERS: dict[str, str | Builder] = {  # or "module:name" of one, which is imported when first used
+APPEARANCES: dict[str, str | Builder] = {  # or "module:name" of one, which is imported when first used
     "tower": "lilgym_mp.scene.appearances.tower:make_tower",
     "scatter": "lilgym_mp.scene.appearances.scatter:Scatter",
 }
-
-
-class _OnReleasedGrid(Mapping[str, Appearance]):
-    """The appearances by name, with the released grid."""
-
-    def __getitem__(self, name: str) -> Appearance:
-        if name not in BUILDERS:
-            raise KeyError(name)
-        return _made(BUILDERS[name], RELEASED_GRID)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(BUILDERS)
-
-    def __len__(self) -> int:
-        return len(BUILDERS)
-
-
-APPEARANCES: Mapping[str, Appearance] = _OnReleasedGrid()
 
 
 def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
@@ -61,7 +43,7 @@ def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
 
     Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
     """
-    return _made(choose("appearance", name, BUILDERS), checked_grid(grid))
+    return _made(choose("appearance", name, APPEARANCES), checked_grid(grid))
 
 
 @cache

@@ -154,7 +154,7 @@ def _search_offsets(cell_width: int, cell_height: int) -> BoolArray:
 
     It may if half of the item lies in the cell or the item covers half of the cell.
     """
-    areas = np.array(cell_areas(cell_width, cell_height))[:, :cell_width, :cell_height]
+    areas = cell_areas(cell_width, cell_height)[:, :cell_width, :cell_height]
     inside = areas[:, ::-1, ::-1]
     half_items = np.array([shape_area(footprint) for footprint in range(FOOTPRINT_COUNT)])[:, None, None]
     half_cell = cell_width * cell_height * AREA_UNIT
@@ -163,7 +163,7 @@ def _search_offsets(cell_width: int, cell_height: int) -> BoolArray:
 
 def _uncovered(width: int, height: int) -> BoolArray:
     """(9, columns, rows) by footprint of an item and `CellPlaces.offset`: whether it covers nothing of a part."""
-    uncovered = np.array(cell_areas(width, height)) == 0
+    uncovered = cell_areas(width, height) == 0
     beyond = LARGEST_SIDE, 1  # offsets beyond those of `cell_areas`
     return np.pad(uncovered, [(0, 0), beyond, beyond], constant_values=True)
 

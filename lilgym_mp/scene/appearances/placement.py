@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,10 +41,11 @@ FIRST_TOO_FAR = SNAP_REACH + 2  # clearance code of everything beyond the snappi
 
 @dataclass(frozen=True, slots=True)
 class PlacementTables:
-    """The shipped tables. `offset` is new minus other top-left, plus OFFSET_LIMIT, in x then y."""
+    """The shipped tables, by new footprint, other footprint, and new minus other top-left plus OFFSET_LIMIT."""
 
-    clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new footprint, other footprint, offset: clearance code
-    moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
+    clearance: UInt8Array  # (9, 9, 69, 69) clearance codes
+    moves: UInt8Array  # (9, 9, 69, 69) snap move, (x + 8) * 16 + y + 8; TIED where several pairs of points are nearest
+    clearance_bytes: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) `clearance`, for fast scalar access
     # keyed by flat index in `clearance`: the nearest segments, where they matter
     ties: Mapping[int, Sequence[tuple[int, int]]]
     outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
@@ -55,7 +56,7 @@ class PlacementTables:
 
         OVERLAPPING, or 1 + truncated distance; FIRST_TOO_FAR and None when none is near.
         """
-        by_footprint = self.clearance[footprint]
+        by_footprint = self.clearance_bytes[footprint]
         smallest = FIRST_TOO_FAR
         closest = None
         for item in items:
@@ -73,12 +74,12 @@ class PlacementTables:
 
         `frame_x`: x of the box's left border in the coordinates that are rounded.
         """
-        other_footprint = other.footprint
-        offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
-        index = (footprint * FOOTPRINT_COUNT + other_footprint) * OFFSET_COUNT**2 + offset
-        if index in self.ties or other[0] + frame_x < 0 or other[1] < 0:
-            return _resolved_move(index, footprint, x + frame_x, y, other_footprint, other[0] + frame_x, other[1])
-        code = self.moves[footprint][other_footprint][offset]
+        other_footprint, other_x, other_y = other.footprint, other[0] + frame_x, other[1]
+        at = footprint, other_footprint, x - other[0] + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT
+        code = int(self.moves[at])
+        if code == TIED or other_x < 0 or other_y < 0:
+            index = int(np.ravel_multi_index(at, self.moves.shape))
+            return _resolved_move(index, footprint, x + frame_x, y, other_footprint, other_x, other_y)
         return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
 
     def points(self, footprint: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
@@ -110,40 +111,24 @@ def _resolved_move(
     return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
 
-class CodeArrays(NamedTuple):
-    """`clearance` and `moves` of `PlacementTables` as arrays."""
-
-    clearance: UInt8Array  # (9, 9, 69, 69)
-    moves: UInt8Array  # (9, 9, 69, 69); TIED where several pairs of points are nearest
-
-
-@cache
-def code_arrays() -> CodeArrays:
-    tables = placement_tables()
-    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
-    both = (b"".join(map(b"".join, codes)) for codes in (tables.clearance, tables.moves))
-    clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
-    moves[list(tables.ties)] = TIED
-    return CodeArrays(clearance.reshape(shape), moves.reshape(shape))
-
-
 @cache
 def placement_tables() -> PlacementTables:
     with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
         segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
         outlines = [(px, py) for px, py in arrays["outlines"].tolist()]
+        ties = dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True))
+        shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
+        clearance = arrays["clearance"].astype(np.uint8).reshape(shape)
+        moves = ((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)).astype(np.uint8).reshape(shape)
+        moves.flat[list(ties)] = TIED
         return PlacementTables(
-            clearance=_by_footprints(arrays["clearance"]),
-            moves=_by_footprints((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)),
-            ties=dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True)),
+            clearance=clearance,
+            moves=moves,
+            clearance_bytes=[[pair.tobytes() for pair in row] for row in clearance],
+            ties=ties,
             outlines=_runs(outlines, arrays["outline_lengths"]),
             pixel_areas=arrays["pixel_areas"],
         )
-
-
-def _by_footprints(codes: NDArray[np.integer]) -> list[list[bytes]]:
-    """(9, 9, ...) codes below 256 as a bytes object for each pair of footprints."""
-    return [[pair.astype(np.uint8).tobytes() for pair in row] for row in codes]
 
 
 def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[Value]]:
@@ -178,7 +163,7 @@ def snapped(
 def clear_templates() -> BoolArray:
     """(9, 9, 61, 61) by other footprint, new footprint, offset in x and y from -30: whether the two do not overlap."""
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
-    return np.ascontiguousarray((code_arrays().clearance[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
+    return np.ascontiguousarray((placement_tables().clearance[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
 
 
 @cache
@@ -196,10 +181,10 @@ def shape_area(footprint: int) -> int:
 
 
 @cache
-def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...], ...], ...]:
+def cell_areas(cell_width: int, cell_height: int) -> NDArray[np.int64]:
     """Area of a shape in a cell, in AREA_UNITs, by footprint and by cell minus item top-left.
 
-    Indexed [footprint][dx + cell_width - 1][dy + cell_height - 1]; an offset outside the table means no overlap.
+    Indexed [footprint, dx + cell_width - 1, dy + cell_height - 1]; an offset outside the table means no overlap.
     """
     before = _areas_before()
     width, height = LARGEST_SIDE + cell_width - 1, LARGEST_SIDE + cell_height - 1
@@ -207,8 +192,7 @@ def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...]
     low_x, high_x = start_x.clip(0), (start_x + cell_width).clip(max=LARGEST_SIDE)
     low_y, high_y = start_y.clip(0), (start_y + cell_height).clip(max=LARGEST_SIDE)
     right, left = before[:, high_x], before[:, low_x]
-    areas = right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
-    return tuple(tuple(tuple(row) for row in footprint_areas) for footprint_areas in areas.tolist())
+    return right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
 
 
 def check_apart(items: Sequence[Item]) -> None:

@@ -197,8 +197,8 @@ class Scatter:
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell
         dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
-        table = placement.cell_areas(width, height)[item.footprint]
-        return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
+        areas = placement.cell_areas(width, height)[item.footprint]
+        return int(areas[dx, dy]) if 0 <= dx < areas.shape[0] and 0 <= dy < areas.shape[1] else 0
 
     def searches(self, rules: PlacementRules) -> bool:
         """Whether an item that would overlap others at its cell's corner may be placed elsewhere in the cell."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import Grid
@@ -15,13 +15,10 @@ _TEXT_COLOURS = {Colour.YELLOW: 33, Colour.BLACK: 30, Colour.BLUE: 34}
 _TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
 
 
-def text(
-    scene: Scene, lines: Sequence[str], *, coloured: bool = True, mark: Callable[[Item], str] | None = None
-) -> str:
+def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, the characters of a shape alternate with y (yellow), k (black) or b (blue). `mark` gives another
-    character for an item.
+    Without colours, the characters of a shape alternate with y (yellow), k (black) or b (blue).
     """
     width, height = TEXT_CELL
     box_columns, rows = BOX_SIDE // width, BOX_SIDE // height
@@ -29,7 +26,7 @@ def text(
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
         for item in box.items:
-            characters = _text_marks(item, coloured=coloured) if mark is None else mark(item)
+            characters = _text_marks(item, coloured=coloured)
             for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
                 for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
                     if _covers(item, column * width + width // 2, row * height + height // 2):
