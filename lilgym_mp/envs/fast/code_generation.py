@@ -37,14 +37,15 @@ from lilgym_mp.programs.syntax import (
     WordName,
     as_lambda,
     children,
+    free_variables,
     own_size,
+    walk,
 )
 from lilgym_mp.programs.values import Color, Shape, Side, Size
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Scene
 
 MAX_KERNEL_SIZE = 40_000  # nodes of the code of all kernels of one program together
-SCENE = "the scene"  # stands for what depends on more than one box
 MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 MAX_NODES = 5_000  # nodes of the syntax tree lowered for one program
 
@@ -87,23 +88,6 @@ class Context:
         self.size_left = MAX_KERNEL_SIZE
         self.steps_left = costs.STEP_LIMIT
         self.kernels: dict[tuple[str, int, object], _KernelUse] = {}
-        self._free: dict[int, tuple[Node, frozenset[str]]] = {}  # by id of the node, which is kept alive
-
-    def free_names(self, node: Node) -> frozenset[str]:
-        """The names on which the node's value depends: its free variables, and SCENE."""
-        if id(node) not in self._free:
-            names = frozenset[str]().union(*map(self.free_names, children(node)))
-            match node:
-                case Variable(name=name):
-                    names = frozenset({name})
-                case Lambda(parameter=parameter):
-                    names -= {parameter}
-                case SceneName() | Call(word=Word(depends_on="scene")) | WordName(word=Word(depends_on="scene")):
-                    names |= {SCENE}
-                case _:
-                    pass
-            self._free[id(node)] = node, names
-        return self._free[id(node)][1]
 
 
 class Generator:
@@ -154,7 +138,8 @@ class Generator:
         return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
     def can_be_kernel(self, function: Lambda) -> bool:
-        return not self.kernel and self.context.free_names(function.body) <= {function.parameter}
+        body = function.body
+        return not (self.kernel or free_variables(body) - {function.parameter} or any(map(_is_of_scene, walk(body))))
 
     # Expressions
 
@@ -523,3 +508,8 @@ class Generator:
 
 def _as_lambda(node: Node) -> Lambda:
     return as_lambda(node, "x") or ir.unsupported("function")
+
+
+def _is_of_scene(node: Node) -> bool:
+    """Whether the node itself depends on more than one box."""
+    return isinstance(node, SceneName) or (isinstance(node, Call | WordName) and node.word.depends_on == "scene")
