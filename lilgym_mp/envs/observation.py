@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NoReturn, TypedDict
+from typing import TYPE_CHECKING, Any, NoReturn, TypedDict, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -84,7 +84,9 @@ def statement_arrays(
 
 def row_of(batch: Any, index: Any) -> Any:
     """One environment's part of a batch of observations, or with an array of indices a copy of several."""
-    return {name: row_of(part, index) for name, part in batch.items()} if isinstance(batch, Mapping) else batch[index]
+    if isinstance(batch, Mapping):
+        return {name: row_of(part, index) for name, part in cast("Mapping[str, Any]", batch).items()}
+    return batch[index]
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:

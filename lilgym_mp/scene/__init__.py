@@ -180,7 +180,7 @@ class Box(_Frozen):
 
 
 _set_items: Callable[[Box, tuple[Item, ...]], None] = Box.__dict__["items"].__set__
-Box._content = Box.__dict__["items"]
+Box._content = Box.__dict__["items"]  # pyright: ignore[reportPrivateUsage]
 
 
 class Scene(_Frozen):
@@ -245,7 +245,7 @@ class Scene(_Frozen):
 
 
 _set_boxes: Callable[[Scene, tuple[Box, Box, Box]], None] = Scene.__dict__["boxes"].__set__
-Scene._content = Scene.__dict__["boxes"]
+Scene._content = Scene.__dict__["boxes"]  # pyright: ignore[reportPrivateUsage]
 
 
 def _box_items(box_index: int, data: object, faults: list[str]) -> Iterator[Item]:

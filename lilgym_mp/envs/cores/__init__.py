@@ -39,7 +39,7 @@ def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, Sequence[Task
     """The compiled core of an appearance; None if it has none or, with a warning, if numba cannot be imported."""
     name = _COMPILED.get((appearance.__module__, appearance.__qualname__))
     try:
-        return name and resolve_name(name)
+        return None if name is None else resolve_name(name)
     except ImportError as fault:
         message = f"batches run several times slower because numba cannot be imported: {fault}"
         warnings.warn(message, RuntimeWarning, stacklevel=2)

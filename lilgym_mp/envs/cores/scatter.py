@@ -60,7 +60,8 @@ class ScatterCore(CompiledCore):
     def _draw_unfit(self, env_ids: Int64Array) -> None:
         """Draws the scenes of environments (k,) that are unfit."""
         for env_id in env_ids[self._current.is_unfit.take(env_ids)]:
-            self._buffers.image[env_id] = draw(*self._scenes_of(env_id[None]), self._image_size)
+            (scene,) = self._scenes_of(env_id[None])
+            self._buffers.image[env_id] = draw(scene, self._image_size)
 
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
         tables, drawing, current = self._tables, self._drawing, self._current

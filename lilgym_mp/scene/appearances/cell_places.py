@@ -100,6 +100,7 @@ def searched(footprint: int, x: int, y: int, cell: tuple[int, int], items: Itera
     """
     places = cell_places(*cell, searches=True)
     empty, kept, kept_index = _as_ints(cell)
+    _, columns, rows = places.kept_index.shape
     first, stop = places.first_places[footprint : footprint + 2].tolist()
     wanted = (1 << stop) - (1 << first)
     found: list[tuple[int, int]] = []
@@ -107,7 +108,7 @@ def searched(footprint: int, x: int, y: int, cell: tuple[int, int], items: Itera
         part_y = y + part * places.part_height
         for item in items:
             left, top = x - item[0] + places.offset[0], part_y - item[1] + places.offset[1]
-            if 0 <= left < kept_index.shape[1] and 0 <= top < kept_index.shape[2]:
+            if 0 <= left < columns and 0 <= top < rows:
                 free &= kept[kept_index[FOOTPRINTS[item[2]][item[4]], left, top]]
         free &= wanted
         if free:
