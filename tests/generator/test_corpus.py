@@ -66,7 +66,9 @@ def test_load__is_deterministic_in_the_name_and_varies_with_the_seed():
 def test_load__tasks_stay_the_same():
     tasks = [(task.statement, task.program, task.start.to_json()) for task in load_tasks(*STABLE)]
     digest = hashlib.sha256(json.dumps(tasks).encode()).hexdigest()
-    assert digest == "a6509bf35e20d4172c4c5497a9fef1ed09187093ff048c63bc25badde0d9ebd8", "users name generated corpora by level and seed"
+    assert digest == "a6509bf35e20d4172c4c5497a9fef1ed09187093ff048c63bc25badde0d9ebd8", (
+        "users name generated corpora by level and seed"
+    )
 
 
 def test_load__builds_a_task_set_once_for_callers_in_several_threads():
