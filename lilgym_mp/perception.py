@@ -272,13 +272,10 @@ def _fewest(component: _Component, shrink: int, *, legal: bool) -> list[Item] | 
             row, column = divmod(position, PITCH // shrink)
             x = (column - template.anchor_column) * shrink + template.odd_x - MARGIN
             item = Item(x, row * shrink + template.odd_y, template.shape, component.colour, template.size)
-            if -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side and (not legal or _fits_legally(item, chosen)):
+            place = item.footprint, item.x, item.y
+            fits = fits_box(*place) and is_free(*place, chosen) if legal else True
+            if fits and -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side:
                 search(coverage - template.coverage, position, [*chosen, item])
 
     search(component.coverage, component.position, [])
     return found
-
-
-def _fits_legally(item: Item, others: Sequence[Item]) -> bool:
-    """Whether an item lies in the box and overlaps none of the others."""
-    return fits_box(item.footprint, item.x, item.y) and is_free(item.footprint, item.x, item.y, others)

@@ -10,7 +10,6 @@ from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_stri
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Episode, Recording, scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
@@ -118,18 +117,13 @@ def calibration_line(entry: AgentResults) -> Line | None:
     for run in entry.runs:
         for episode in run.episodes:
             if episode.stop_probabilities is not None:
-                solved = stop_would_succeed(run.header.settings, episode)
+                program = compile_program(episode.program)
+                *visited, _ = scenes(run.header.settings.dynamics(), episode.start, episode.actions)
+                solved = [program(scene) == episode.target for scene in visited]
                 for pair in zip(episode.stop_probabilities, solved, strict=True):
                     bins[min(BINS - 1, int(pair[0] * BINS))].append(pair)
     points = [[sum(values) / len(pairs) for values in zip(*pairs, strict=True)] for pairs in bins if pairs]
     return Line(entry.agent, [x for x, _ in points], [y for _, y in points]) if points else None
-
-
-def stop_would_succeed(settings: Settings, episode: Episode) -> list[bool]:
-    """For each action, whether STOP would have succeeded instead."""
-    program = compile_program(episode.program)
-    visited = scenes(settings.dynamics(), episode.start, episode.actions)[:-1]
-    return [program(scene) == episode.target for scene in visited]
 
 
 def failures(data: ReportData) -> Iterator[Item]:

@@ -38,7 +38,9 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     rows: list[list[Cell]] = []
     evaluated = [curve for curve in data.curves if curve.evaluations]
     shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
-    keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
+    recipes = [[curve.recipe for curve in of_panel] for of_panel in shown.values()]
+    differing = dict.fromkeys(key for each in recipes for key in differing_keys(each))  # so that a recipe has one name
+    keys = [key for key in differing if key not in ("stop_forcing", REWARD_KEY)]  # which have names of their own
     has_nlvr = any(curve.recipe.get(REWARD_KEY) for curve in evaluated)
     for configuration, of_panel in shown.items():
         drawn: list[Line] = []
@@ -58,12 +60,6 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     yield Chart(ITEM, TITLE, line_chart(panels, data.looks), note=caption)
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{TITLE}, at the end", columns, rows)
-
-
-def _differing_settings(*panels: Sequence[TrainingCurve]) -> list[str]:
-    """The settings in which recipes of one panel differ, but for those that have names of their own."""
-    keys = {key: None for curves in panels for key in differing_keys([curve.recipe for curve in curves])}
-    return [key for key in keys if key not in ("stop_forcing", REWARD_KEY)]
 
 
 def _group_by_recipe(
