@@ -270,7 +270,7 @@ def test_monitor__can_be_switched_off(made: Any) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_failing_wrapper__is_reported_and_leaves_no_process(made: Any, backend: str) -> None:
-    with pytest.raises(ValueError, match="/no/such/file: cannot be read"):
+    with pytest.raises(ValueError, match="/no/such/file: is no vocabulary that can be read"):
         made(TOWER, backend, vocabulary="/no/such/file")
     assert not multiprocessing.active_children()
 
