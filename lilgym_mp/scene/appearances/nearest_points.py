@@ -10,6 +10,11 @@ from math import inf, sqrt
 
 from lilgym_mp.scene.appearances.placement import Point, Ring
 
+# The nearest points of two outlines, to the last bit as GEOS (shapely's engine) computes them. Snapping truncates them
+# to integers, and which of several equally near pairs (parallel sides, symmetric circles) is chosen depends on how
+# distances round at the items' positions. So ties are resolved as GEOS's brute-force facet distance does: segment by
+# segment in ring order, in IEEE doubles, a later pair winning only when it is strictly nearer.
+
 
 def nearest_points(
     first: Mapping[int, Point], second: Mapping[int, Point], pairs: Sequence[tuple[int, int]]

@@ -202,9 +202,3 @@ def check_apart(items: Sequence[Item]) -> None:
             raise SceneError(f"item {index} at ({item.x}, {item.y}), {item.side} pixels wide, lies outside its box")
         if not is_free(item.footprint, item.x, item.y, items[:index]):
             raise SceneError(f"item {index} at ({item.x}, {item.y}) overlaps an earlier item of its box")
-
-
-# The nearest points of two outlines, to the last bit as GEOS (shapely's engine) computes them. Snapping truncates them
-# to integers, and which of several equally near pairs (parallel sides, symmetric circles) is chosen depends on how
-# distances round at the items' positions. So ties are resolved as GEOS's brute-force facet distance does: segment by
-# segment in ring order, in IEEE doubles, a later pair winning only when it is strictly nearer.
