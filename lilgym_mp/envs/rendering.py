@@ -47,7 +47,7 @@ class Renderer:
         picture = frame(scene, lines, self._marked)
         if self.mode == "rgb_array":
             return picture
-        self._window = self._window or Window(RENDER_FPS)
+        self._window = self._window or Window()
         self._window.show(picture)
         return None
 
@@ -73,11 +73,11 @@ def _caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | No
 
 
 class Window:
-    """Shows frames, one every 1 / `fps` seconds. pygame has one window, in which all environments show theirs."""
+    """Shows RENDER_FPS frames a second. pygame has one window, in which all environments show theirs."""
 
     _shown: ClassVar[WeakSet[Window]] = WeakSet()  # that have not been closed
 
-    def __init__(self, fps: int) -> None:
+    def __init__(self) -> None:
         """Raises DependencyNotInstalled without pygame."""
         try:
             import pygame
@@ -85,13 +85,12 @@ class Window:
             message = f'render_mode="human" needs pygame: {install("human")}'
             raise DependencyNotInstalled(message) from None
         self._pygame: Any = pygame
-        self._fps = fps
         self._surface: Any = None
         self._clock: Any = None
 
-    def __reduce__(self) -> tuple[type[Window], tuple[int]]:
+    def __reduce__(self) -> tuple[type[Window], tuple[()]]:
         """A copy opens its own window."""
-        return Window, (self._fps,)
+        return Window, ()
 
     def show(self, frame: UInt8Array) -> None:
         pygame = self._pygame
@@ -106,7 +105,7 @@ class Window:
         pygame.surfarray.blit_array(self._surface, np.ascontiguousarray(frame.transpose(1, 0, 2)))
         pygame.event.pump()
         pygame.display.flip()
-        self._clock.tick(self._fps)
+        self._clock.tick(RENDER_FPS)
 
     def close(self) -> None:
         self._shown.discard(self)
