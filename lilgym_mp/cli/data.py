@@ -7,27 +7,22 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lilgym_mp.cli import data_sets
-from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.corpus.locations import is_split
+from lilgym_mp.cli.data_report import statistics_text
+from lilgym_mp.corpus import check_corpus, load_all_tasks
+from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_split
+from lilgym_mp.corpus.matching import with_permuted_boxes
+from lilgym_mp.corpus.official import OfficialFile, download_official, import_official, official_names
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.corpus.splits import RULES, split_lists
+from lilgym_mp.corpus.synthesis import synthesize
+from lilgym_mp.corpus.writing import entry_json, flipit_entries, header_json, task_rows, write_lines
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.evaluation.options import (
-    CORPUS_HELP,
-    CommandError,
-    add_number,
-    add_seed,
-    check_at_least,
-)
+from lilgym_mp.evaluation.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
-
-if TYPE_CHECKING:
-    from lilgym_mp.corpus.official import OfficialFile
 
 INVALID_CORPUS = 1  # exit code of `check`
 
@@ -40,13 +35,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action.set_defaults(run=run)
         return action
 
-    _add_installing(add)
-    _add_inspecting(add)
-    _add_making(add)
-    data_sets.add_actions(add)
-
-
-def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
     download = add("download", _download, "download the official corpus into the user's cache")
     download.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
     _add_several(download, "splits", SPLITS)
@@ -54,13 +42,13 @@ def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
     local = add("import", _import, "install the official corpus from a directory or a checkout")
     local.add_argument("path", type=Path, metavar="DIRECTORY", help="directory with released files, at any depth")
 
-
-def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
     _add_corpus_argument(add("stats", _stats, "count tasks, statements, words and forms of statements"))
 
-    _add_corpus_argument(
-        add("check", _check, f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
-    )
+    checking = f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid"
+    _add_corpus_argument(add("check", _check, checking))
+
+    _add_making(add)
+    data_sets.add_actions(add)
 
 
 def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -110,9 +98,6 @@ def _add_several(parser: argparse.ArgumentParser, name: str, choices: Iterable[s
 
 
 def _download(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.locations import installed_directory
-    from lilgym_mp.corpus.official import download_official, official_names
-
     target = installed_directory()
     names = [name for name in official_names(args.splits) if not (target / name).exists()]
     if not names:
@@ -125,19 +110,14 @@ def _download(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.locations import installed_directory
-    from lilgym_mp.corpus.official import FILE_FACTS, import_official
-
     files = import_official(args.path, installed_directory())
     _print_installed(files, installed_directory())
-    if missing := FILE_FACTS.keys() - {file.name for file in files}:
+    if missing := set(official_names()) - {file.name for file in files}:
         print(f"note: {args.path} lacks {listed(missing)}")
     return 0
 
 
 def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
-    from lilgym_mp.corpus.locations import DATA_VARIABLE
-
     print(table(["file", "bytes", "tasks", "contexts", "verified by"], files))
     print(f"installed in {target}")
     if named := os.environ.get(DATA_VARIABLE):
@@ -145,15 +125,11 @@ def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
 
 
 def _stats(args: argparse.Namespace) -> int:
-    from lilgym_mp.cli.data_report import statistics_text
-
     print(statistics_text(args.corpus, list(load_all_tasks(args.corpus))))
     return 0
 
 
 def _check(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus import check_corpus
-
     report = check_corpus(args.corpus)
     print(report)
     return 0 if report.ok else INVALID_CORPUS
@@ -161,7 +137,6 @@ def _check(args: argparse.Namespace) -> int:
 
 def _generate(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.generator import CorpusSpec, generated_entries
-    from lilgym_mp.corpus.writing import entry_json
 
     check_at_least(args, 1, "number")
     check_at_least(args, 0, "seed")
@@ -174,17 +149,15 @@ def _generate(args: argparse.Namespace) -> int:
                 starts = [(f"{name}-{n}", start) for n, start in enumerate(entry.starts, 1)]
                 rows.append(entry_json(name, appearance, split, entry.statement, entry.program, starts))
             progress.advance(note=f"{appearance} {split}")
-    _write(args, args.corpus, rows)
+    _write_corpus(args, args.corpus, rows)
     print(f"{len(rows)} statements")
     return 0
 
 
 def _synthesize(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.synthesis import synthesize
-
     check_at_least(args, 1, "starts")
     entries = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
-    _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", entries)
+    _write_corpus(args, f"{args.corpus}, synthesized starts, seed {args.seed}", entries)
     labels = [start["label"] for entry in entries for start in entry["starts"]]
     true = sum(labels)
     print(f"{len(entries)} statements, {len(labels)} start scenes, {true} true and {len(labels) - true} false")
@@ -197,25 +170,20 @@ def _synthesize(args: argparse.Namespace) -> int:
 
 
 def _permute(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.matching import with_permuted_boxes
-    from lilgym_mp.corpus.writing import flipit_entries
-
     entries: list[Mapping[str, object]] = []
     before = after = 0
     for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.splits):
         permuted = with_permuted_boxes(tasks, distinct=True)
         before, after = before + len(tasks), after + len(permuted)
         entries += flipit_entries(permuted)
-    _write(args, f"{args.corpus}, boxes in every order", entries)
+    _write_corpus(args, f"{args.corpus}, boxes in every order", entries)
     print(f"{len(entries)} statements, {before} start scenes permuted into {after}")
     return 0
 
 
 def _export(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.writing import task_rows
-
     rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.splits)))
-    _write_lines(args, rows)
+    _write(args, rows)
     print(f"{len(rows):,} tasks")
     return 0
 
@@ -225,20 +193,14 @@ def _split(args: argparse.Namespace) -> int:
         raise CommandError(f"--out must name a file that ends in .split.json or .split.json.gz, not {str(args.out)!r}")
     lists = split_lists(args.by, list(load_all_tasks(args.corpus, args.appearances, [SCRATCH])))
     print(table(["task set", "statements"], [(name, len(ids)) for name, ids in lists.items()]))
-    _write_lines(args, [{"corpus": args.corpus, "by": args.by, "statements": lists}])
+    _write(args, [{"corpus": args.corpus, "by": args.by, "statements": lists}])
     return 0
 
 
-def _write_lines(args: argparse.Namespace, rows: Iterable[Mapping[str, object]]) -> None:
-    from lilgym_mp.corpus.writing import write_lines
+def _write_corpus(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
+    _write(args, (header_json(name, f"as {args.corpus}"), *entries))
 
+
+def _write(args: argparse.Namespace, rows: Iterable[Mapping[str, object]]) -> None:
     write_atomically(fresh_file(args.out, force=args.force), lambda unfinished: write_lines(unfinished, rows))
     print(f"wrote {args.out}")
-
-
-def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
-    from lilgym_mp.corpus import write_corpus
-
-    path = fresh_file(args.out, force=args.force)
-    write_atomically(path, lambda unfinished: write_corpus(unfinished, name, f"as {args.corpus}", entries))
-    print(f"wrote {path}")

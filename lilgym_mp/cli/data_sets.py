@@ -12,21 +12,7 @@ import numpy as np
 from lilgym_mp import __version__
 from lilgym_mp.cli.solve import add_solving, solve_shown
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation import Episode, evaluate, random_legal
-from lilgym_mp.evaluation.datasets import (
-    EVALUATION_SPLIT,
-    FORMS,
-    WRITERS,
-    Source,
-    check_file,
-    check_minari,
-    common_settings,
-    environments,
-    recorded,
-    rollouts,
-    write_file,
-    write_minari,
-)
+from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
 from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.evaluation.options import (
     CommandError,
@@ -83,12 +69,12 @@ def add_actions(add: Add) -> None:
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
     options = parser.add_argument_group("data set")
-    options.add_argument("--out", type=Path, metavar="FILE", help=f"file to write, ending in {listed(WRITERS)}")
+    options.add_argument("--out", type=Path, metavar="FILE", help=f"file to write: {listed(datasets.WRITERS)}")
     options.add_argument("--minari", metavar="NAME", help='Minari data set to write, such as "lilgym/tower-expert-v0"')
     options.add_argument(
         "--observation",
-        choices=FORMS,
-        default=FORMS[0],
+        choices=datasets.FORMS,
+        default=datasets.FORMS[0],
         help="image; structured: the items; text, for language models; or tokens: image, and statement as token ids"
         " (default: %(default)s)",
     )
@@ -108,14 +94,14 @@ def _collect(args: argparse.Namespace) -> int:
     if args.episodes is not None:
         ids = [ids[index] for index in np.random.default_rng(args.seed).integers(len(ids), size=args.episodes).tolist()]
     parts = PARTS.get(args.quality, (args.quality,))
-    sources: list[Source] = []
+    sources: list[datasets.Source] = []
     for index, part in enumerate(parts):
         sources += _played(part, ids[index :: len(parts)], settings, args)
     about = {name: getattr(args, name) for name in ("quality", "episodes", "seed", "budget")}
     return _write(sources, args, about)
 
 
-def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> list[Source]:
+def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> list[datasets.Source]:
     """Episodes of the tasks, of one quality; none for the tasks that the expert cannot solve."""
     if not ids:
         return []
@@ -130,7 +116,7 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
         episodes = [solved[task_id] for task_id in ids if task_id in solved]
         if missing := len(ids) - len(episodes):
             print(f"{missing:,} of {len(ids):,} tasks have no solution and are left out")
-        return [Source(settings, args.split, EXPERT, episodes)]
+        return [datasets.Source(settings, args.split, EXPERT, episodes)]
     name, policy = part, random_legal
     if part == MEDIUM:
         from lilgym_mp.learning.common.agents import open_agent
@@ -141,14 +127,14 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
         episodes = evaluate(
             policy, settings, args.split, seed=args.seed, task_ids=ids, on_episode=lambda episode: progress.advance()
         )
-    return [Source(settings, args.split, name, episodes)]
+    return [datasets.Source(settings, args.split, name, episodes)]
 
 
 def _convert(args: argparse.Namespace) -> int:
     _check_output(args)
     sources = [
         source
-        for source in recorded(args.sources)
+        for source in datasets.recorded(args.sources)
         if args.configuration in (None, source.settings.configuration) and source.episodes
     ]
     if not sources:
@@ -163,16 +149,17 @@ def _check_output(args: argparse.Namespace) -> None:
     if args.out is None and args.minari is None:
         raise CommandError("name an output: --out FILE, --minari NAME, or both")
     if args.out is not None:
-        check_file(args.out)
+        datasets.check_file(args.out)
         fresh_file(args.out, force=args.force)
     if args.minari is not None:
-        check_minari(args.minari)
+        datasets.check_minari(args.minari)
 
 
-def _write(sources: Sequence[Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
-    settings = common_settings(sources)
+def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
+    settings = datasets.common_settings(sources)
     splits = list(dict.fromkeys(source.split for source in sources))
-    envs = environments(settings, splits, args.observation)
+    envs = datasets.environments(settings, splits, args.observation)
+    env = envs[splits[0]]
     about = {
         "lilgym_mp": __version__,
         "settings": settings.to_json(),
@@ -187,10 +174,10 @@ def _write(sources: Sequence[Source], args: argparse.Namespace, about: Mapping[s
     agents = ", ".join(dict.fromkeys(source.agent for source in sources))
     for place in filter(None, (args.out, args.minari)):
         with Progress(total, "episodes written") as progress:
-            played = rollouts(sources, envs, progress.advance, **options)
+            played = datasets.rollouts(sources, envs, progress.advance, **options)
             if isinstance(place, Path):
-                write_file(place, played, about)
+                datasets.write_file(place, played, about)
             else:
-                write_minari(place, played, envs[splits[0]], envs.get(EVALUATION_SPLIT, envs[splits[0]]), agents, about)
+                datasets.write_minari(place, played, env, envs.get(datasets.EVALUATION_SPLIT, env), agents, about)
         print(f"{place}: {total:,} episodes of {agents}")
     return 0

@@ -6,9 +6,12 @@ Finds shortest solutions of all tasks of the splits, and reports which are prove
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from statistics import mean, median
+from time import perf_counter
+from typing import Any, NamedTuple
 
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
@@ -27,10 +30,29 @@ from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe
 from lilgym_mp.scene.render.characters import ruled, text
-from lilgym_mp.solver import Solver, Status
-from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows
+from lilgym_mp.solver import Solution, Solver, Status
 
 MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
+Summary = Mapping[str, float]  # statistics of reports; steps are of the solved tasks, STOP included
+COLUMNS = {  # of the table of summaries; times are in milliseconds
+    "tasks": "{tasks:,}",
+    "solved": "{solved:,} ({solved_percent:.2f} %)",
+    "proven shortest": "{proven_optimal:,}",
+    "unsolvable": "{unsolvable:,}",
+    "not found": "{not_found:,}",
+    "mean steps": "{mean_steps:.2f}",
+    "most": "{most_steps}",
+    "median ms": "{median_ms:.2f}",
+    "mean ms": "{mean_ms:.2f}",
+}
+
+
+class TaskReport(NamedTuple):
+    """One task and its solution."""
+
+    task: Task
+    solution: Solution
+    seconds: float
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -69,14 +91,14 @@ def run(args: argparse.Namespace) -> int:
         for split in args.split or [split_of(settings, None)]:
             tasks = settings.tasks(split)
             reports = solve_shown(tasks[: args.limit], settings, split, args)
-            name = f"{settings.configuration} {split}"
+            name, dynamics = f"{settings.configuration} {split}", settings.dynamics()
             summaries[name] = summarise(reports)
             unsolved += [
                 f"{name} {task.id}: {task.statement!r} to be {task.target}: {solution.status}, {solution.reason}"
                 for task, solution, _ in reports
                 if solution.status is not Status.SOLVED
             ]
-            source, dynamics = {"settings": settings.to_json(), "split": split}, settings.dynamics()
+            source = {"settings": settings.to_json(), "split": split}
             records += [{**source, **report_json(report, dynamics)} for report in reports]
     first = chosen[0]
     grid = first.grid if isinstance(first.grid, str) else "x".join(map(str, first.grid))
@@ -130,9 +152,53 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
 
 def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
-    reports: list[TaskReport] = []
+    solver, reports = Solver(settings.dynamics(), args.budget), list[TaskReport]()
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
-        for report in solve_tasks(tasks, settings.dynamics(), budget=args.budget):
-            reports.append(report)
+        for task in tasks:
+            begin = perf_counter()
+            solution = solver.solve(task)
+            reports.append(TaskReport(task, solution, perf_counter() - begin))
             progress.advance()
     return reports
+
+
+def summarise(reports: Sequence[TaskReport]) -> Summary:
+    """Statistics of one or more reports; `solved_percent` excludes tasks proven unsolvable."""
+    counts = Counter(report.solution.status for report in reports)
+    steps = [report.solution.steps for report in reports if report.solution.solved]
+    milliseconds = [1000 * report.seconds for report in reports]
+    solvable = len(reports) - counts[Status.UNSOLVABLE]
+    return {
+        "tasks": len(reports),
+        **{str(status): counts[status] for status in Status},
+        "solved_percent": 100 * counts[Status.SOLVED] / solvable if solvable else 100.0,
+        "proven_optimal": sum(report.solution.proven_optimal for report in reports),
+        "mean_steps": mean(steps or [0]),
+        "most_steps": max(steps, default=0),
+        "median_ms": median(milliseconds),
+        "mean_ms": mean(milliseconds),
+        "slowest_ms": max(milliseconds),
+    }
+
+
+def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
+    """A header, and a row for each named summary."""
+    rows = [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
+    return [("", *COLUMNS), *rows]
+
+
+def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:
+    """One task's report as JSON, with actions as indices."""
+    task, solution, seconds = report
+    return {
+        "task": task.id,
+        "statement": task.statement,
+        "target": task.target,
+        "status": str(solution.status),
+        "actions": [dynamics.appearance.encode(action) for action in solution.actions],
+        "proven_optimal": solution.proven_optimal,
+        "least_edits": solution.least_edits,
+        "scenes": solution.scenes,
+        "seconds": round(seconds, 6),
+        "reason": solution.reason,
+    }

@@ -14,17 +14,15 @@ from lilgym_mp.corpus.locations import official_directory
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
 
 if TYPE_CHECKING:
-    from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
-    from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, statement_form, words
+    from lilgym_mp.corpus.checking import check_corpus
+    from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, words
     from lilgym_mp.corpus.writing import write_corpus
 
 __all__ = [
     "CorpusError",
-    "CorpusReport",
     "Fault",
     "NoTasksError",
     "Provenance",
-    "TaskCount",
     "TaskSet",
     "Vocabulary",
     "VocabularyError",
@@ -33,14 +31,13 @@ __all__ = [
     "load_all_tasks",
     "load_tasks",
     "official_directory",
-    "statement_form",
     "words",
     "write_corpus",
 ]
 
 ON_FIRST_USE = {  # module of each name that a running environment does not need
-    **dict.fromkeys(("CorpusReport", "TaskCount", "check_corpus"), "checking"),
-    **dict.fromkeys(("Vocabulary", "VocabularyError", "statement_form", "words"), "tokens"),
+    **dict.fromkeys(("Vocabulary", "VocabularyError", "words"), "tokens"),
+    "check_corpus": "checking",
     "write_corpus": "writing",
 }
 

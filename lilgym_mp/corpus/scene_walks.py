@@ -77,14 +77,10 @@ def random_walks(appearance: str, rng: random.Random) -> Iterator[Walk]:
 
 def _is_legible(box: Box) -> bool:
     """Whether every gap to a wall or between items is visibly touching, almost touching or apart."""
-    walls = (gap for item in box.items for gap in _wall_gaps(item))
+    starts = ((place, item.side) for item in box.items for place in (item.x, item.y))
+    walls = (gap for place, side in starts for gap in (place, BOX_SIDE - side - place))
     pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
     return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP - TOUCHING_GAP for gap in (*walls, *pairs))
-
-
-def _wall_gaps(item: Item) -> tuple[int, int, int, int]:
-    last = BOX_SIDE - item.side
-    return item.x, item.y, last - item.x, last - item.y
 
 
 def _gap(one: Item, other: Item) -> int:

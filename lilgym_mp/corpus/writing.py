@@ -58,8 +58,12 @@ def write_corpus(
     entries: Iterable[Mapping[str, object]],
 ) -> None:
     """Writes a corpus file, gzipped if `path` ends in .gz; equal entries give equal bytes."""
-    header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
-    write_lines(Path(path), (header, *entries))
+    write_lines(Path(path), (header_json(name, licence), *entries))
+
+
+def header_json(name: str, licence: str) -> dict[str, object]:
+    """The first line of a corpus file."""
+    return {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
 
 
 def write_lines(path: Path, rows: Iterable[Mapping[str, object]]) -> None:

@@ -192,7 +192,7 @@ def _rollout(
         steps["return_to_go"] = np.cumsum(rewards[::-1])[::-1].round(DECIMALS)
     if solver is not None:
         steps["optimal"] = np.zeros_like(steps["legal"])
-        for row, found in zip(steps["optimal"], solver.optimal_sets(states), strict=True):
+        for row, found in zip(steps["optimal"], map(solver.optimal_actions, states), strict=True):
             row[list(found.actions)] = True
     about: dict[str, Any] = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
     about |= {"split": source.split, "agent": source.agent, "outcome": episode.outcome}

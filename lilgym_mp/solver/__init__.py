@@ -18,8 +18,7 @@ docs/solver.md describes the algorithm and its results. The modules:
     pruned_layers            edits and signatures for Scatter programs that relate items
     first_actions            all optimal first actions in Scatter
     box_editor, edit_tables  single edits of a Scatter box, and all of them at once as arrays
-
-The others use the solver: expert, reports.
+    expert                   plays the solver's solutions in an environment
 """
 
 from lilgym_mp.solver.expert import Expert

@@ -80,7 +80,7 @@ class ClassSpace:
     def __init__(self, programs: tuple[str, ...]) -> None:
         self._programs = programs
         self._compiled = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
-        self._truths: dict[ClassTriple, int] = {}
+        self.truths = lru_cache(MAX_CACHED_TRUTHS)(self._evaluate)
         self._reachable: dict[Layers[Any], ReachableClasses] = {}
 
     @cached_property
@@ -102,16 +102,8 @@ class ClassSpace:
             found = self._reachable[layers] = ReachableClasses(layers, self.classes, box_cost)
         return found
 
-    def truths(self, triple: ClassTriple) -> int:
-        """The programs' values for boxes of these classes as a bit mask; bit i is the value of program i."""
-        found = self._truths.get(triple)
-        if found is None:
-            if len(self._truths) >= MAX_CACHED_TRUTHS:
-                self._truths.clear()
-            found = self._truths[triple] = self._evaluate(triple)
-        return found
-
     def _evaluate(self, triple: ClassTriple) -> int:
+        """The programs' values for boxes of these classes as a bit mask; bit i is the value of program i."""
         first, second, third = triple
         if self.classes.separable and not first <= second <= third:  # then the order of the boxes does not matter
             first, second, third = sorted(triple)

@@ -63,23 +63,17 @@ class SuccessorGenerator:
                 yield EditedBox(edit._replace(colour=colour), Box((*others, recoloured)))
 
 
-class HeuristicSignature:
+def heuristic_signature(features: ProgramFeatures, classes: ItemClasses, box: Box) -> Hashable:
     """The likely inputs of a program from a box: each item's class and size, and the classes of related items."""
-
-    def __init__(self, features: ProgramFeatures, classes: ItemClasses) -> None:
-        self._features = features
-        self._classes = classes
-
-    def __call__(self, box: Box) -> Hashable:
-        item_classes = [self._classes.of(item) for item in box.items]
-        sizes = [item.size for item in box.items]  # they limit what can be placed next to an item
-        try:
-            relations = [_relation_values(word, box, item_classes) for word in self._features.relations]
-        except box_functions.FallbackError:  # the box has too many items
-            return box.items
-        rows = list(zip(item_classes, sizes, *relations, strict=True))
-        is_tower = self._features.tests_towers and box_functions.is_tower(box)
-        return (is_tower, tuple(rows if self._features.order_matters else sorted(rows)))
+    item_classes = [classes.of(item) for item in box.items]
+    sizes = [item.size for item in box.items]  # they limit what can be placed next to an item
+    try:
+        relations = [_relation_values(word, box, item_classes) for word in features.relations]
+    except box_functions.FallbackError:  # the box has too many items
+        return box.items
+    rows = list(zip(item_classes, sizes, *relations, strict=True))
+    is_tower = features.tests_towers and box_functions.is_tower(box)
+    return (is_tower, tuple(rows if features.order_matters else sorted(rows)))
 
 
 def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import Reachability, class_space, program_goal
 from lilgym_mp.solver.first_actions import ScatterBox
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
-from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
+from lilgym_mp.solver.pruned_layers import SuccessorGenerator, heuristic_signature
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, Refiner, first_found
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
@@ -157,7 +157,7 @@ class _TaskSearch:
 
     def _by_pruned_layers(self) -> list[BoxEdit] | None:
         """At each distance, scenes that need removals only come first: they are few, and often suffice."""
-        signature = HeuristicSignature(self._abstraction.features, self._abstraction.classes)
+        signature = partial(heuristic_signature, self._abstraction.features, self._abstraction.classes)
         pairs = [(box, self._successors(index)) for index, box in enumerate(self._scene.boxes)]
         by_removals = [Layers(box, successors.removals) for box, successors in pairs]
         by_any_edits = [Layers(box, successors, signature) for box, successors in pairs]

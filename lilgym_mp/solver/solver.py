@@ -104,16 +104,6 @@ class Solver:
                     return found
         return self._search.first_actions_by_trial(state, max_edits, budget)
 
-    def optimal_sets(self, states: Sequence[State]) -> list[ActionSet]:
-        """`optimal_actions` of each state, in order.
-
-        Faster than single calls: states are processed program by program, so that what is cached for a program is
-        not evicted in between. Raises ValueError if a state has no action left.
-        """
-        order = sorted(range(len(states)), key=lambda index: states[index].task.program)
-        found = {index: self.optimal_actions(states[index]) for index in order}
-        return [found[index] for index in range(len(states))]
-
     def plan_for(self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int) -> WeightedPlan:
         """The plan found with the highest total probability of satisfied goals, then with the fewest actions.
 

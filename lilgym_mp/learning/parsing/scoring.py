@@ -6,9 +6,10 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from lilgym_mp.corpus import load_all_tasks, statement_form
+from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.learning.parsing.parser import Parser, truths
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
