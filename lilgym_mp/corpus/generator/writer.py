@@ -173,10 +173,10 @@ def phrase_book(appearance: str) -> PhraseBook:
 class _Drawn(NamedTuple):
     """A slot that draws words each time it is filled in: `{does:one}`, `{does:many}`, `{or:a|b}`."""
 
-    draw: Callable[[str], str]
+    draw: Callable[[Any], str]  # from whether the words are plural, or from a list
 
     def __format__(self, choices: str) -> str:
-        return self.draw(choices)
+        return self.draw(choices.split("|") if "|" in choices else choices == "many")
 
 
 class Writer:
@@ -213,9 +213,8 @@ class Writer:
 
     def say(self, wording: str, **slots: Slot) -> str:
         """One of the phrase book's wordings. All are filled in, in order, before one is drawn: slots may draw words."""
-        words: dict[str, object] = {**self.style.words, "or": _Drawn(lambda choices: self.choice(choices.split("|")))}
-        for name, slot in slots.items():
-            words[name] = slot if isinstance(slot, str) else _Drawn(lambda number, draw=slot: draw(number == "many"))
+        words: dict[str, object] = {**self.style.words, "or": _Drawn(self.choice)}
+        words |= {name: slot if isinstance(slot, str) else _Drawn(slot) for name, slot in slots.items()}
         return self.choice([option.format_map(words) for option in self.book.wordings[wording]])
 
     def word(self, name: str) -> str:
