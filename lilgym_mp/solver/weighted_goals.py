@@ -43,11 +43,6 @@ class WeightedPlan:
     mass: float  # the sum of their probabilities
     scenes: int  # number of scenes examined by the search
 
-    @property
-    def steps(self) -> int:
-        """Actions, STOP included; 0 without a plan."""
-        return len(self.actions)
-
 
 class _Candidate(NamedTuple):
     """A candidate plan: edits and the goals that they satisfy."""
