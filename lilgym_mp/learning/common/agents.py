@@ -48,9 +48,9 @@ class Agent(ABC):
     teaches: ClassVar[bool] = False  # its plans, made from rewards alone, can be imitated
 
     @classmethod
-    @abstractmethod
     def of(cls, description: ModelDescription) -> Self:
-        """The agent described, with untrained weights. Raises ValueError, TypeError, KeyError."""
+        """The agent described, with untrained weights, for `load`. Raises ValueError, TypeError, KeyError."""
+        raise NotImplementedError
 
     @classmethod
     def describe(
