@@ -95,12 +95,12 @@ VIEWS = {"proposer_0": {"history": 2}, "verifier_0": {"scene": "structured", "hi
 GAMES: list[dict[str, Any]] = [
     {"protocol": "veto", "views": VIEWS, "rewards": "hidden", "message_size": 1},
     {"protocol": "joint", "rewards": "correctness", "message_cost": 0.25, "message_size": 2},
-    {"protocol": "audit", "views": "text", "verdict_bins": 4, "rewards": "correctness"},
+    {"protocol": "audit", "views": {"statement": "text"}, "rewards": "correctness"},
     {"protocol": "critique", "exchanges": 1, "homogeneous": True, "views": {"statement": "none", "target": False}},
-    {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True, "ending": "either"},
-    {"protocol": "joint", "appearance": "scatter", "start": "flipit", "image_size": "native", "ending": "agreement"},
+    {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True},
+    {"protocol": "joint", "appearance": "scatter", "start": "flipit", "image_size": "native"},
     {"protocol": "critique", "appearance": "scatter", "views": {"scene": "structured", "proposed_scene": True}},
-    {"protocol": "audit", "views": {"scene": "text", "proposed_scene": True}, "horizon": 4, "rewards": "hidden"},
+    {"protocol": "audit", "views": {"proposed_scene": True}, "horizon": 4, "rewards": "hidden"},
 ]
 
 

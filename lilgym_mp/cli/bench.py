@@ -54,7 +54,7 @@ class Workload:
     def __init__(self, settings: EnvConfig, name: str, actions: int) -> None:
         self.settings, self.name, self.actions = settings, name, actions
         self.id, self.arguments = settings.id, settings.arguments(SPLIT)
-        own = {"appearance": settings.appearance, "start": settings.start, "protocol": "joint", "ending": "either"}
+        own = {"appearance": settings.appearance, "start": settings.start, "protocol": "joint"}
         self.game_arguments = {**self.arguments, **own}  # every round takes one action of the MDP
         self._env = settings.make(SPLIT)
         self.episodes = cache(self._recorded)
@@ -159,13 +159,12 @@ def sb3(backend: str, workload: Workload, num_envs: int, masks: bool = False) ->
 
 @contextmanager
 def batched_games(workload: Workload, num_envs: int) -> Iterator[Player]:
-    """Games whose verifier always continues."""
+    """Games whose verifier stops them where the workload has STOP."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames
 
     with closing(BatchedGames(num_envs, **workload.game_arguments)) as games:
         rows, steps = workload.rows(num_envs, AutoresetMode.SAME_STEP)
-        continues = np.zeros(num_envs, np.int64)
-        calls = [(games.step, dict(zip(AGENTS, (row, continues), strict=True))) for row in rows]
+        calls = [(games.step, dict(zip(AGENTS, (row, (row == STOP).astype(np.int64)), strict=True))) for row in rows]
         yield Player(steps, lambda: games.reset(seed=0), calls)
 
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.envs.proposer_verifier import PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
 # Settings that may differ between runs that play together; the first run's are played:
-MAY_DIFFER = ("corpus", "rewards", "false_accept_cost", "false_reject_cost", "deceptive_share", "message_cost")
+MAY_DIFFER = ("corpus", "rewards", "deceptive_share", "message_cost")
 CONFIGURATION = "TowerFlipIt"  # unless another is named, or the runs'
 LEGEND = """\
 success: the MDP's, in %. true and false accepts: % of true and of false claims accepted, by target true / false.
@@ -28,34 +28,40 @@ J: mean over targets of true accepts - false accepts; 0 for a verifier that know
 lies accepted: % of games that end in an accepted false claim."""
 
 
-class Player(NamedTuple):
-    """One side of the game."""
-
-    name: str
-    partner: Partner
-    run: Path | None = None  # None for scripted partners
+Player = tuple[str, Partner]  # one side of the game, and its name: a run's path or a scripted partner's
 
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
     if args.policy or args.record is not None:
         raise CommandError("--policy and --record are for the single-agent environment; --out FILE writes games")
     games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
-    results: list[list[dict[str, Any]]] = []  # by game
+    results: list[dict[str, Any]] = []
+    tables: list[str] = []
     with Progress(sum(len(pairs) for _, pairs in games), "pairs") as progress:
         for settings, pairs in games:
-            env = BaseGameEnv(settings)
-            results.append([])
-            for proposer, verifier in pairs:
-                measured = measure(env, proposer.partner, verifier.partner, seed=args.seed)
-                results[-1].append(_result(settings, proposer, verifier, measured, args.seed))
+            env = BaseGameEnv(**vars(settings))
+            rows: list[dict[str, str]] = []
+            for (proposer, proposing), (verifier, judging) in pairs:
+                measures = asdict(measure(env, proposing, judging, seed=args.seed))
+                result = {
+                    "proposer": proposer,
+                    "verifier": verifier,
+                    "configuration": settings.configuration,
+                    "protocol": settings.protocol,
+                    "corpus": str(settings.corpus),
+                    "split": settings.split,
+                    "seed": args.seed,
+                    "success": measures.pop("success_rate"),
+                    **measures,
+                }
+                results.append(result)
+                rows.append(_row(result))
                 progress.advance()
-    for (settings, _), found in zip(games, results, strict=True):
-        print(f"\n{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}\n")
-        rows = [_row(result) for result in found]
-        print(table(list(rows[0]), [list(row.values()) for row in rows]))
-    print(f"\n{LEGEND}")
+            tables.append(f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}\n")
+            tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
+    print("", *tables, LEGEND, sep="\n")
     if args.out is not None:
-        write_json(args.out, {"results": [result for found in results for result in found]})
+        write_json(args.out, {"results": results})
         print(f"results: {args.out}")
     return 0
 
@@ -84,31 +90,17 @@ def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: b
     """
     sides: list[list[Player]] = []
     for role, scripted in zip(Role, (scripted_proposers(settings.dynamics()), SCRIPTED_VERIFIERS), strict=True):
-        trained = ((path, agent.partner(role, settings)) for path, agent in agents.items())
-        players = [Player(str(path), partner, path) for path, partner in trained if partner is not None]
-        sides.append([*players, *(Player(name, partner) for name, partner in scripted.items())])
-    return [pair for pair in product(sides[0], sides[1]) if all_pairs or not agents or _is_needed(*pair)]
+        trained = [(str(path), agent.partner(role, settings)) for path, agent in agents.items()]
+        sides.append([*((name, partner) for name, partner in trained if partner is not None), *scripted.items()])
+    runs = {str(path) for path in agents}
+    pairs = product(sides[0], sides[1])
+    return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]
 
 
-def _is_needed(proposer: Player, verifier: Player) -> bool:
-    if proposer.run is None:
-        return verifier.run is not None and proposer.name in ("expert", "expert-deceptive")
-    return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
-
-
-def _result(settings: GameSettings, proposer: Player, verifier: Player, measured: Metrics, seed: int) -> dict[str, Any]:
-    measures = asdict(measured)
-    return {
-        "proposer": proposer.name,
-        "verifier": verifier.name,
-        "configuration": settings.configuration,
-        "protocol": settings.protocol,
-        "corpus": str(settings.corpus),
-        "split": settings.split,
-        "seed": seed,
-        "success": measures.pop("success_rate"),
-        **measures,
-    }
+def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
+    if proposer not in runs:
+        return verifier in runs and proposer in ("expert", "expert-deceptive")
+    return verifier in (proposer, "oracle", TARGET_ONLY)
 
 
 def _row(result: Mapping[str, Any]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, BatchTurn, Intent, OracleVerifier, Partner, PartnerTurn, Role
-from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, encode_answers
+from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Observations, Policy
@@ -92,7 +92,7 @@ class AgentPartner(BatchPartner):
             actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
             is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
             return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
-        return encode_answers(turn.game, turn.is_edit | (chosen == STOP_ACTION))
+        return turn.answers(turn.is_edit | (chosen == STOP_ACTION))
 
 
 def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:

@@ -8,7 +8,6 @@ import pytest
 
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
-    PROTOCOLS,
     SCRIPTED,
     Intent,
     OracleVerifier,
@@ -18,10 +17,9 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.evaluation.game_partners import ExpertProposer
 
-# In joint the verifier alone may stop by default.
-SETTINGS = [
-    {"protocol": protocol, "appearance": appearance, "ending": "either" if protocol == "joint" else None}
-    for protocol, appearance in zip(PROTOCOLS, ["tower", "tower", "scatter", "scatter"], strict=True)
+SETTINGS = [  # in joint the verifier alone may stop
+    {"protocol": protocol, "appearance": appearance}
+    for protocol, appearance in (("veto", "tower"), ("audit", "scatter"), ("critique", "scatter"))
 ]
 
 

@@ -111,9 +111,7 @@ def test_stop_forcing__replaces_the_proposers_action(settings: dict[str, Any]):
 
 def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
     for mode in ("mask", "replace"):
-        game = wrappers.stop_forcing_v0(
-            parallel_env(**settings | {"protocol": "joint", "ending": "verifier"}), mode=mode
-        )
+        game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}), mode=mode)
         game.reset(seed=0, options={"task": "blue"})
         game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
         observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})

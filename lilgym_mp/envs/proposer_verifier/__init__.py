@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.envs.proposer_verifier.batched import BatchedGames
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
-from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, Metrics, cross_play, measure, play_games, summarise
+from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, Metrics, measure, play_games, summarise
 from lilgym_mp.envs.proposer_verifier.observations import read_text
 from lilgym_mp.envs.proposer_verifier.partners import (
     ALWAYS_ACCEPT,
@@ -68,7 +68,6 @@ __all__ = [
     "SingleAgentView",
     "TurnError",
     "View",
-    "cross_play",
     "env",
     "measure",
     "parallel_env",
@@ -81,18 +80,13 @@ __all__ = [
 ENVIRONMENT_ID = "lilgym_mp/ProposerVerifier-v0"
 
 
-def _register() -> None:
-    """Registers both environments with `pettingzoo.make`, in versions that have it (1.27 does)."""
-    if hasattr(pettingzoo, "register"):
-        if ENVIRONMENT_ID not in pettingzoo.aec_registry:
-            pettingzoo.register("aec", ENVIRONMENT_ID, f"{__name__}:env")
-        if ENVIRONMENT_ID not in pettingzoo.parallel_registry:
-            pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
+if HAS_PETTINGZOO and hasattr(pettingzoo, "register"):  # 1.27 has it
+    if ENVIRONMENT_ID not in pettingzoo.aec_registry:
+        pettingzoo.register("aec", ENVIRONMENT_ID, f"{__name__}:env")
+    if ENVIRONMENT_ID not in pettingzoo.parallel_registry:
+        pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
 
-
-if HAS_PETTINGZOO:
-    _register()
-else:
+if not HAS_PETTINGZOO:
 
     def __getattr__(name: str) -> NoReturn:
         """Explains why the PettingZoo environments are missing."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
@@ -49,11 +49,11 @@ class BatchedGames:
     Of the turn just played:
     - "own_turn_rewards", float (N, 2): each agent's rewards since its last own turn, complete where it is to move again
       or the game ended;
-    - "probability", float (N,): the verifier's judgement of a claim, NaN where it judged none;
+    - "verdict", int (N,): 1 where the verifier accepted a claim, 0 where it rejected one, otherwise -1;
     - "holds", bool (N,), only with `reveal_truth`: whether the judged claim holds;
     - "is_success", bool (N,): whether the game ended in success;
-    - if any game ended, "final_observation" (FinalObservations) and "final_info", sequences of N with None for games
-      that go on, otherwise the last observations or infos by agent.
+    - if any game ended, "final_observation" and "final_info", tuples of N with None for games that go on, otherwise the
+      last observations or infos by agent, as from `parallel_env`.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class BatchedGames:
         ended = np.flatnonzero(terminated | truncated)
         infos: dict[str, Any] = {
             "own_turn_rewards": self._own_turn_rewards.T.copy(),
-            "probability": games.probabilities,
+            "verdict": games.verdicts,
             "is_success": games.successes,
         }
         if self._game.reveals_truth:
@@ -180,43 +180,21 @@ class BatchedGames:
         return array.astype(np.int64, copy=False)
 
     def _observations(self) -> dict[str, AgentObservation]:
-        return self._games.observe_both(self._all, None if self._copies else self._games.images)
+        return self._games.observe_both(self._all, copy=self._copies)
 
     def _final_infos(self, ended: Int64Array) -> dict[str, Any]:
         """The info entries for games (k,) that have just ended."""
+        observations: list[dict[str, AgentObservation] | None] = [None] * self.num_games
         infos: list[dict[str, Info] | None] = [None] * self.num_games
-        for index in ended.tolist():
+        stacked = self._games.observe_both(ended)
+        for row, index in enumerate(ended.tolist()):
             infos[index] = dict(zip(AGENTS, self._games.infos(index), strict=True))
-        observations = FinalObservations(self.num_games, ended, self._games.observe_both(ended))
-        return {"final_observation": observations, "final_info": tuple(infos)}
+            observations[index] = {
+                agent: {PARTS: {key: part[row] for key, part in seen[PARTS].items()}, MASK: seen[MASK][row]}
+                for agent, seen in stacked.items()
+            }
+        return {"final_observation": tuple(observations), "final_info": tuple(infos)}
 
     def close(self) -> None:
         """Afterwards `reset` and `step` raise ClosedEnvironmentError."""
         self._is_closed = True
-
-
-class FinalObservations(Sequence[dict[str, AgentObservation] | None]):
-    """By game, the last observations of both agents as from `parallel_env`; None for games that go on.
-
-    Items are taken lazily from the arrays in `stacked`.
-    """
-
-    def __init__(self, num_games: int, ended: Int64Array, stacked: dict[str, AgentObservation]) -> None:
-        self.indices = ended  # (k,) of the games that ended
-        self.stacked = stacked  # by agent, arrays (k, ...)
-        self._num_games = num_games
-
-    def __len__(self) -> int:
-        return self._num_games
-
-    def __getitem__(self, index: Any) -> Any:
-        indices = range(self._num_games)[index]
-        return self._item(indices) if isinstance(indices, int) else tuple(map(self._item, indices))
-
-    def _item(self, index: int) -> dict[str, AgentObservation] | None:
-        for row in (self.indices == index).nonzero()[0].tolist():
-            return {
-                agent: {PARTS: {key: part[row] for key, part in seen[PARTS].items()}, MASK: seen[MASK][row]}
-                for agent, seen in self.stacked.items()
-            }
-        return None

@@ -68,18 +68,9 @@ class TurnResult(NamedTuple):
 class Layer(Protocol):
     """A wrapper of the game, which changes it for every environment around the engine."""
 
-    def start(self) -> None:
-        """To be called when a game has started."""
-        ...
-
-    def action(self, action: int) -> int:
-        """The action for the layers below, from the proposer's, in every turn."""
-        ...
-
-    def changed(self, turn: TurnResult) -> TurnResult:
-        """The result of a turn, or of a reset, with other rewards and infos."""
-        ...
-
+    def start(self) -> None: ...  # when a game has started
+    def action(self, action: int) -> int: ...  # for the layers below, from the proposer's, in every turn
+    def changed(self, turn: TurnResult) -> TurnResult: ...  # rewards and infos, also of a reset
     def observation(self, role: Role, observation: AgentObservation) -> AgentObservation: ...
 
 
@@ -96,7 +87,7 @@ class GameEngine:
         self._actions = np.zeros((len(Role), 1), np.int64)  # indexed by role, of the last turn
         self.layers: list[Layer] = []  # the wrappers, innermost first
         self._is_started = self._is_closed = False
-        self._last_actions, self._last_result = "", ""  # as text, for the caption
+        self._last_actions = ""  # as text, for the caption
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies of a game that was never seeded draw tasks on their own."""
@@ -146,7 +137,7 @@ class GameEngine:
         intent = game.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
         self._is_started = True
-        self._last_actions = self._last_result = ""
+        self._last_actions = ""
         if self.render_mode == "human":
             self.render()
         info = self.games.truth_info(0)
@@ -177,10 +168,6 @@ class GameEngine:
             self._last_actions = self._describe_actions(movers)
         games.step(actions[PROPOSER], actions[VERIFIER])
         proposer_reward, verifier_reward = games.rewards[:, 0].tolist()
-        if self.render_mode is not None:
-            outcome = games.last_outcome(0)
-            rewards = f"rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}"
-            self._last_result = "" if outcome is None else f"{outcome}, {rewards}"
         if self.render_mode == "human":
             self.render()
         turn = TurnResult(
@@ -221,13 +208,15 @@ class GameEngine:
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        mdp = self.state.mdp
-        horizon = self.game.config.dynamics.horizon
+        mdp, outcome, horizon = self.state.mdp, self.games.last_outcome(0), self.game.dynamics.horizon
         lines = [
             mdp.task.statement,
             f"Make it {str(mdp.task.target).lower()}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
         ]
-        return self._renderer.render(mdp.scene, [*lines, self._last_result] if self._last_result else lines)
+        if outcome is not None:
+            proposer_reward, verifier_reward = self.games.rewards[:, 0].tolist()
+            lines.append(f"{outcome}, rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}")
+        return self._renderer.render(mdp.scene, lines)
 
     def close(self) -> None:
         """Afterwards all methods raise ClosedEnvironmentError."""
@@ -245,10 +234,18 @@ class BaseGameEnv:
         "is_parallelizable": False,  # turns need not alternate; `parallel_env` is the parallel environment
     }
 
-    def __init__(self, settings: GameSettings, render_mode: str | None = None, observations: str = NESTED) -> None:
-        """`observations`: NESTED or VECTOR. Raises ValueError naming the choices."""
+    def __init__(
+        self,
+        configuration: str | None = None,
+        *,
+        render_mode: str | None = None,
+        observations: str = NESTED,
+        **settings: Any,
+    ) -> None:
+        """Arguments as for `env`. Raises ValueError naming the choices."""
         self._is_vector = choose("observations", observations, {NESTED: False, VECTOR: True})
-        self.engine = engine = GameEngine(Game(settings), render_mode)
+        game = Game(GameSettings.of({"configuration": configuration, **settings}))
+        self.engine = engine = GameEngine(game, render_mode)
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self.render_mode = engine.render_mode
@@ -259,7 +256,6 @@ class BaseGameEnv:
             space, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
             self._parts_spaces[agent] = parts = cast("spaces.Dict", space[PARTS])
             self.observation_spaces[agent] = _vector_space(parts) if self._is_vector else space
-        self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
         self.state_space = image_space(engine.game.settings.image_size)
 
     def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
@@ -305,7 +301,7 @@ class BaseGameEnv:
     @property
     def dynamics(self) -> Dynamics:
         """The dynamics of the MDP."""
-        return self.engine.game.config.dynamics
+        return self.engine.game.dynamics
 
     @property
     def task(self) -> Task:
@@ -322,14 +318,11 @@ class BaseGameEnv:
     def read_action(self, agent: str, name: str) -> int:
         """The inverse of `describe_action`, ignoring case and white space. Raises ActionError."""
         game, role = self.engine.game, role_of(agent)
-        count = game.action_counts[role]
-        if role not in self._indices_by_name:
-            self._indices_by_name[role] = {_normalised(game.describe(role, index)): index for index in range(count)}
-        index = self._indices_by_name[role].get(_normalised(name))
-        if index is None:
-            examples = ", ".join(repr(game.describe(role, action)) for action in (0, count - 1))
-            raise ActionError(f"{name!r} is not an action of {agent}; actions look like {examples}")
-        return index
+        names = [game.describe(role, action) for action in range(game.action_counts[role])]
+        known = list(map(_normalised, names))
+        if _normalised(name) not in known:
+            raise ActionError(f"{name!r} is not an action of {agent}; actions look like {names[0]!r}, {names[-1]!r}")
+        return known.index(_normalised(name))
 
 
 def _vector_space(parts: spaces.Dict) -> spaces.Box:

@@ -10,11 +10,10 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from lilgym_mp.envs.interface import UNCHANGED_REWARD
-from lilgym_mp.envs.proposer_verifier.engine import NESTED, BaseGameEnv, TurnResult, role_of
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult, role_of
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 
@@ -126,28 +125,15 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         return {agent: self._shown(agent, nested[agent]) for agent in AGENTS} if self._is_vector else nested
 
 
-def parallel_env(
-    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
-) -> ProposerVerifierParallel:
-    """The game as a PettingZoo parallel environment; keywords are the fields of GameSettings.
-
-    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch).
-
-    `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, "vector",
-    all parts flattened to float32 (N,), with masks in infos.
-    """
-    checked = GameSettings.of({"configuration": configuration, **settings})
-    return ProposerVerifierParallel(checked, render_mode, observations)
-
-
-def raw_env(
-    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
-) -> ProposerVerifierAEC:
-    """The game as a PettingZoo AEC environment; arguments as for `parallel_env`."""
-    checked = GameSettings.of({"configuration": configuration, **settings})
-    return ProposerVerifierAEC(checked, render_mode, observations)
+parallel_env = ProposerVerifierParallel
+raw_env = ProposerVerifierAEC
 
 
 def env(configuration: str | None = None, **settings: Any) -> StrictOrderEnforcing:
-    """`raw_env` with checks of the order of calls; the same arguments."""
+    """The game as a PettingZoo AEC environment, with checks of the order of calls, which `raw_env` omits.
+
+    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch). Keywords are the fields of
+    GameSettings, `render_mode`, and `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit
+    and Stable-Baselines3, "vector", all parts flattened to float32 (N,), with masks in infos.
+    """
     return StrictOrderEnforcing(raw_env(configuration, **settings))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass
-from functools import cached_property
-from typing import SupportsIndex
+from typing import NamedTuple, Self, SupportsIndex
 
 import numpy as np
 
 from lilgym_mp.corpus import TaskSet, Vocabulary
-from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
+from lilgym_mp.corpus.statement_arrays import default_length, statements_of, training_tasks
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.proposer_verifier.protocols import (
     AGENTS,
+    NO_CHOICE,
     PROPOSER,
     PROTOCOLS,
     STOP_ACTION,
@@ -22,13 +20,11 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
     GameProtocol,
     MDPMove,
     ProposalType,
-    ProtocolConfig,
     Role,
     TurnDecision,
     TurnInput,
 )
 from lilgym_mp.envs.proposer_verifier.rewards import (
-    Costs,
     Intent,
     RewardFunction,
     checked_rewards,
@@ -38,7 +34,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.scene.actions import checked_index, describe
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int8Array
 
 SILENCE = 0  # the empty message
 WAIT_NAME = "wait"
@@ -51,81 +47,49 @@ class TurnError(ValueError):
 class DecisionTable:
     """Lookup table of every decision of the protocol and every reward, computed once per game."""
 
-    decisions: tuple[TurnDecision, ...]
-    # (turns, proposal types, answers, 2) index of the decision, by the fields of TurnInput. The last proposal type and
-    # the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
-    indices: Int64Array
-    # (2, decisions, results + 1, 2, 2) rewards, indexed by role, decision, the MDP's StepResult, whether the claim
-    # holds, and Intent.
-    rewards: Float64Array
-    no_mdp_step: int  # index used for the StepResult if the MDP takes no step
-    # By index of the decision:
-    mdp_moves: Int64Array  # (decisions,)
-    needs_answer: BoolArray  # (decisions,)
-    probabilities: Float64Array  # (decisions,) NaN without a judgement
-    needs_truth: BoolArray  # (decisions,) whether rewards depend on whether the claim holds
-
-    def __init__(self, protocol: GameProtocol, config: ProtocolConfig, rewards: RewardFunction) -> None:
+    def __init__(self, protocol: GameProtocol, dynamics: Dynamics, rewards: RewardFunction) -> None:
         found: dict[TurnDecision, int] = {}
-        answers = (*range(len(protocol.answers(config))), None)
+        answers = (*range(len(protocol.answers)), None)
         turns = (False, True) if protocol.turn_based else (False,)
+        # (turns, proposal types, answers, 2) index of the decision, by the fields of TurnInput. The last proposal type
+        # and the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
         self.indices = np.empty((len(turns), len(ProposalType), len(answers), 2), np.int64)
         for turn, kind, answer, spent in np.ndindex(self.indices.shape):
-            turn_input = TurnInput(turns[turn], ProposalType(kind), answers[answer], bool(spent))
-            decision = protocol.decide(config, turn_input)
+            decision = protocol.decide(TurnInput(turns[turn], ProposalType(kind), answers[answer], bool(spent)))
             self.indices[turn, kind, answer, spent] = found.setdefault(decision, len(found))
         self.decisions = tuple(found)
-        mdp_moves, needs_answer, probabilities, _ = zip(*self.decisions, strict=True)
+        mdp_moves, needs_answer, accepted, _ = zip(*self.decisions, strict=True)
+        # By index of the decision; verdicts: 1 accepts the claim, 0 rejects it, NO_CHOICE without a claim
         self.mdp_moves, self.needs_answer = np.array(mdp_moves, np.int64), np.array(needs_answer)
-        self.probabilities = np.array(probabilities, np.float64)
-        results = config.dynamics.step_results
-        self.no_mdp_step = len(results)
+        self.verdicts = np.array([NO_CHOICE if accepts is None else accepts for accepts in accepted], np.int64)
+        results = dynamics.step_results
+        self.no_mdp_step = len(results)  # index used for the StepResult if the MDP takes no step
         mdp_rewards = [*(result.reward for result in results), 0.0]
+        # (2, decisions, results + 1, 2, 2) indexed by role, decision, StepResult, whether the claim holds, and Intent
         self.rewards = np.empty((len(Role), len(found), len(mdp_rewards), 2, len(Intent)))
         for index, result, holds, intent in np.ndindex(self.rewards.shape[1:]):
             judgement = judgement_in(self.decisions[index], holds=bool(holds))
             both = rewards(mdp_rewards[result], judgement, Intent(intent))
             self.rewards[:, index, result, holds, intent] = checked_rewards(both)
+        # (decisions,) whether rewards depend on whether the claim holds
         self.needs_truth = (self.rewards[..., 0, :] != self.rewards[..., 1, :]).any(axis=(0, 2, 3))
 
 
-def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
-    mask = np.zeros(size, np.int8)
-    mask[list(legal)] = 1
-    mask.flags.writeable = False
-    return mask
+class SpaceSizes(NamedTuple):
+    """The sizes of the parts of observations."""
 
+    vocabulary: Vocabulary  # the words of the corpus's train split, whatever the split in play
+    statement_length: int  # token ids per statement, as in `TokenizedStatement`; the longest of the split fits
+    max_statement_bytes: int  # UTF-8 length of the longest statement
+    item_capacity: int  # the most items a box can have
 
-@dataclass(frozen=True)
-class SpaceSizes:
-    """The sizes of the parts of observations, for the statements and starts of these tasks."""
-
-    tasks: TaskSet
-    dynamics: Dynamics
-
-    @cached_property
-    def vocabulary(self) -> Vocabulary:
-        """The words of the corpus's train split, whatever the split in play."""
-        return Vocabulary.from_statements(task.statement for task in self._training_tasks)
-
-    @cached_property
-    def statement_length(self) -> int:
-        """Number of token ids per statement, as in `TokenizedStatement`; the longest statement of the split fits."""
-        return default_length(task.statement for tasks in (self.tasks, self._training_tasks) for task in tasks)
-
-    @cached_property
-    def _training_tasks(self) -> TaskSet:
-        return training_tasks(self.tasks)
-
-    @cached_property
-    def item_capacity(self) -> int:
-        """The most items a box can have."""
-        return item_capacity(self.tasks, self.dynamics)
-
-    @cached_property
-    def max_statement_bytes(self) -> int:
-        """UTF-8 length of the longest statement."""
-        return max(len(task.statement.encode()) for task in self.tasks)
+    @classmethod
+    def of(cls, tasks: TaskSet, dynamics: Dynamics) -> Self:
+        """The sizes for the statements and starts of these tasks."""
+        training, played = statements_of(training_tasks(tasks)), statements_of(tasks)
+        longest = max(len(statement.encode()) for statement in played)
+        vocabulary, length = Vocabulary.from_statements(training), default_length([*played, *training])
+        return cls(vocabulary, length, longest, item_capacity(tasks, dynamics))
 
 
 class Game:
@@ -139,20 +103,18 @@ class Game:
 
     def __init__(self, settings: GameSettings) -> None:
         """Raises ValueError naming the value and the choices, CorpusError for unusable tasks."""
-        self.views = settings.views_by_role()
-        self.config = settings.protocol_config()
         settings.check()
         self.settings = settings
-        self.protocol = PROTOCOLS[settings.protocol]
+        self.protocol, self.dynamics = PROTOCOLS[settings.protocol], settings.dynamics()
+        self.views = settings.views_by_role()
         self.message_sizes = settings.message_sizes()  # number of messages besides silence
         self.reveals_truth = settings.reveal_truth  # in infos
         self.history_length = max(view.history for view in self.views)  # turns kept
-        costs = Costs(settings.false_accept_cost, settings.false_reject_cost)
-        rewards, self.draws_intent = make_rewards(settings.rewards, costs)
-        self.decision_table = DecisionTable(self.protocol, self.config, rewards)
+        rewards, self.draws_intent = make_rewards(settings.rewards)
+        self.decision_table = DecisionTable(self.protocol, self.dynamics, rewards)
         self._make_actions()
         self.tasks = settings.tasks()
-        self.sizes = SpaceSizes(self.tasks, self.config.dynamics)
+        self.sizes = SpaceSizes.of(self.tasks, self.dynamics)
 
     def with_tasks(self, tasks: TaskSet, *, keep_spaces: bool = False) -> Game:
         """The game with other tasks; `keep_spaces`: whether observation spaces stay the same, and must fit these tasks.
@@ -165,7 +127,7 @@ class Game:
         other = copy(self)
         other.tasks = tasks
         if not keep_spaces:
-            other.sizes = SpaceSizes(tasks, self.config.dynamics)
+            other.sizes = SpaceSizes.of(tasks, self.dynamics)
         return other
 
     def revealing_truth(self) -> Game:
@@ -186,25 +148,21 @@ class Game:
 
     def _make_actions(self) -> None:
         """Numbers the actions, and makes the masks that do not depend on the scene."""
-        dynamics, ending, table = self.config.dynamics, self.config.ending, self.decision_table
-        self.turn_based = self.protocol.turn_based
+        table, self.turn_based = self.decision_table, self.protocol.turn_based
+        first = STOP_ACTION if self.protocol.proposer_may_stop else STOP_ACTION + 1
         # Legal in an agent's turn; "wait" follows them.
-        edits_and_stop = range(
-            STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1, dynamics.appearance.action_count
-        )
-        self.choices = (edits_and_stop, range(len(self.protocol.answers(self.config))))
+        self.choices = range(first, self.dynamics.appearance.action_count), range(len(self.protocol.answers))
         stops = [self.encode_action(role, self.choices[role].stop) for role in Role]
         counts = [self.encode_action(role, self.choices[role].stop + self.turn_based) for role in Role]
         proposer, verifier = [max(counts)] * 2 if self.settings.homogeneous else counts
         self.action_counts = (proposer, verifier)
         self.wait_actions = [stop if self.turn_based else None for stop in stops]
         self.wait_masks = [  # out of turn
-            _frozen_mask(count, [] if wait is None else [wait])
+            (np.arange(count) == wait).astype(np.int8)
             for count, wait in zip(self.action_counts, self.wait_actions, strict=True)
         ]
         self._stop = stops[PROPOSER]  # the proposer's actions from here on are illegal in its turn
-        self._may_stop = ending.proposer_may_stop
-        self.answer_mask = _frozen_mask(verifier, range(stops[VERIFIER]))  # the verifier's in its turn
+        self.answer_mask = (np.arange(verifier) < stops[VERIFIER]).astype(np.int8)  # the verifier's in its turn
         # Whether a rejection can cost no round.
         self.has_free_rejections = bool(((table.mdp_moves == MDPMove.NOTHING) & ~table.needs_answer).any())
         # Whether a proposal can be refused and the episode go on.
@@ -218,7 +176,7 @@ class Game:
         else:
             masks = np.zeros((*legal.shape[:-1], count), np.int8)
             masks[..., : self._stop] = legal if messages == 1 else legal.repeat(messages, axis=-1)
-        if not self._may_stop:
+        if not self.protocol.proposer_may_stop:
             masks[..., :messages] = 0
         return masks
 
@@ -234,9 +192,9 @@ class Game:
         if choice >= self.choices[role].stop:
             name = WAIT_NAME
         elif role is PROPOSER:
-            name = describe(self.config.dynamics.appearance.decode(choice))
+            name = describe(self.dynamics.appearance.decode(choice))
         else:
-            name = self.protocol.answers(self.config)[choice]
+            name = self.protocol.answers[choice]
         return f"{name}, message {message}" if message else name
 
     def encode_action(self, role: Role, choice: int, message: int = SILENCE) -> int:

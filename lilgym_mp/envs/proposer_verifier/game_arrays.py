@@ -27,13 +27,13 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 EDIT = int(ProposalType.EDIT)
 _MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether each agent is to move
 
-NOWHERE = np.zeros(0, np.int64)
+_FIRST, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)  # indices of games
 
 Info = dict[str, Any]
 Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)
@@ -61,7 +61,7 @@ class GameArrays:
 
     def __init__(self, game: Game, num_games: int) -> None:
         self.game = game
-        dynamics = game.config.dynamics
+        dynamics = game.dynamics
         actions, capacity = dynamics.appearance.action_count, game.sizes.item_capacity
         specs = buffer_specs(num_games, game.settings.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
@@ -69,14 +69,13 @@ class GameArrays:
         self._core = make_core(dynamics, tasks, self._buffers, game.settings.image_size)
         self._mdp_results = results = ResultTable.of(dynamics)
         self._continues = ~(results.terminated | results.truncated)  # by step result
-        self._indices = np.arange(num_games)
         # All games as NumPy indexes them in a step: a single one as scalars, which are several times faster.
         self._all: Any = 0 if num_games == 1 else slice(None)
         self._where, self._minimum, self._as_integers = np.where, np.minimum, _as_integers
         if num_games == 1:
             self._where, self._minimum, self._as_integers = _select, min, int
         table = game.decision_table
-        is_shown = ~np.isnan(table.probabilities) & game.reveals_truth
+        is_shown = (table.verdicts != NO_CHOICE) & game.reveals_truth
         self._needs_truth = is_shown | table.needs_truth  # (decisions,) whether rewards or infos depend on it
         self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
@@ -108,6 +107,7 @@ class GameArrays:
         self.proposals[started] = self.refused[started] = NO_CHOICE
         self.messages[:, started] = SILENCE
         self.history[started] = NO_CHOICE
+        self._results[started] = self.game.decision_table.no_mdp_step
 
     def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
@@ -120,7 +120,7 @@ class GameArrays:
             proposal = where(is_answer, self.proposals[every], choice)
         rejections, exchanges_spent = self._rejections[every], 0
         if game.has_free_rejections:
-            exchanges_spent = self._as_integers(rejections >= game.config.exchanges)
+            exchanges_spent = self._as_integers(rejections >= game.settings.exchanges)
         decision = table.indices[is_answer, self._minimum(proposal, EDIT), answer, exchanges_spent]
         mdp_move, needs_answer = table.mdp_moves[decision], table.needs_answer[decision]
         holds = self._claims_hold(decision)
@@ -186,7 +186,7 @@ class GameArrays:
     def _games_where(self, condition: Any) -> Int64Array:
         """(k,) indices of the games where it is met."""
         if self._all == 0:
-            return self._indices if condition else NOWHERE
+            return _FIRST if condition else _NONE
         return condition.nonzero()[0]
 
     @property
@@ -250,7 +250,7 @@ class GameArrays:
         mdp, proposal = self.mdp(index), int(self.proposals[index])
         if proposal <= STOP_ACTION:
             return mdp.scene
-        dynamics = self.game.config.dynamics
+        dynamics = self.game.dynamics
         return dynamics.step(mdp._replace(steps=0), dynamics.appearance.decode(proposal)).state.scene
 
     def infos(self, index: int) -> tuple[Info, Info]:
@@ -260,7 +260,7 @@ class GameArrays:
             return {}, {}
         shared = self.truth_info(index)
         if shared and (judgement := self.last_judgement(index)) is not None:
-            shared["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
+            shared["judgement"] = {"accepted": judgement.accepted, "holds": judgement.holds}
         if is_over:
             reason, outcome = int(self._buffers.invalid[index]), self.last_outcome(index)
             assert outcome is not None
@@ -275,13 +275,13 @@ class GameArrays:
         mdp = self.mdp(index)
         return {
             "truth": mdp.task.truth(mdp.scene),
-            "goal_reached": self.game.config.dynamics.goal_reached(mdp),
+            "goal_reached": self.game.dynamics.goal_reached(mdp),
             "intent": Intent(int(self.intents[index])).name.lower(),
         }
 
     def last_outcome(self, index: int) -> Outcome | None:
         """The MDP's outcome in the last turn of a game; None if it took no step."""
-        results, result = self.game.config.dynamics.step_results, self._results[index]
+        results, result = self.game.dynamics.step_results, self._results[index]
         return results[result].outcome if result < len(results) else None
 
     def last_judgement(self, index: int) -> Judgement | None:
@@ -290,9 +290,9 @@ class GameArrays:
         return judgement_in(decision, holds=bool(self._holds[index]))
 
     @property
-    def probabilities(self) -> Float64Array:
-        """(N,) `Judgement.probability` in the last turn, NaN without a judgement."""
-        return self.game.decision_table.probabilities[self._decisions]
+    def verdicts(self) -> Int64Array:
+        """(N,) in the last turn: 1 where the verifier accepted a claim, 0 where it rejected one, otherwise -1."""
+        return self.game.decision_table.verdicts[self._decisions]
 
     @property
     def holds(self) -> BoolArray:

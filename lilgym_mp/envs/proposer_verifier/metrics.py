@@ -13,12 +13,11 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
-from lilgym_mp.envs.proposer_verifier.protocols import Role
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
-CALIBRATION_BINS = 10
 LARGEST_BATCH = 1024
 RESAMPLES = 1_000
 INTERVAL = (2.5, 97.5)  # percentiles
@@ -64,8 +63,6 @@ class Metrics:
     j_interval: Interval | None
     accepted_false_claims: float  # share of games that end in an accepted false claim
     by_target: Mapping[str, Mapping[str, Any]]  # games, success_rate, both rates and j by "true" and "false", if played
-    brier_score: float | None  # mean squared difference between stated probability and truth
-    calibration_error: float | None  # mean distance of stated probability and share of truth over ten bins, by count
 
 
 def play_games(
@@ -110,7 +107,7 @@ def _play_batch(
                 actions[role, moving] = batch_actions(partner, turn)
         games.step(*actions)
         returns += games.rewards * active
-        for index in np.flatnonzero(active & ~np.isnan(games.probabilities)).tolist():
+        for index in np.flatnonzero(active & (games.verdicts != NO_CHOICE)).tolist():
             judgement = games.last_judgement(index)
             assert judgement is not None
             judgements[index].append(judgement)
@@ -133,73 +130,58 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     """The measures of these games. Raises ValueError if there are none."""
     if not records:
         raise ValueError("cannot summarise zero games")
-    judgements = [judgement for record in records for judgement in record.judgements]
-    probability = np.array([judgement.probability for judgement in judgements])
-    holds = np.array([judgement.holds for judgement in judgements], np.bool_)
-    bins = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
-    gaps = np.abs(np.bincount(bins, probability - holds))
     counts = _counts_by_statement(records)  # (statements, targets, counts)
     total, resampled = counts.sum(0), _resampled(counts)
-    j, js = _or_none(_mean_j(total)), _mean_j(resampled)
-    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": j}
+    j, js = float(_mean_j(total)), _mean_j(resampled)
+    has_j = not np.isnan(j)
+    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": j if has_j else None}
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
     return Metrics(
         **measures,
-        success_interval=_interval(_success_rate(resampled.sum(1))),
+        success_interval=_interval(_rates(resampled.sum(1))["success_rate"]),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=proposer_return,
         mean_return_verifier=verifier_return,
-        claims=len(judgements),
-        j_interval=None if j is None else _interval(js[~np.isnan(js)]),
+        claims=sum(len(record.judgements) for record in records),
+        j_interval=_interval(js[~np.isnan(js)]) if has_j else None,
         accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
-        by_target={name: _measures(row) for name, row in (("true", total[1]), ("false", total[0])) if row[_GAMES]},
-        brier_score=float(np.mean((probability - holds) ** 2)) if judgements else None,
-        calibration_error=float(gaps.sum()) / len(judgements) if judgements else None,
+        by_target={name: _measures(row) for name, row in (("true", total[1]), ("false", total[0])) if row[0]},
     )
 
 
-# Columns of counts.
-_GAMES, _SUCCESSES, _TRUE_CLAIMS, _TRUE_ACCEPTED, _FALSE_CLAIMS, _FALSE_ACCEPTED = range(6)
-
-
 def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
-    """(statements, 2, 6) counts by statement and target value."""
+    """(statements, 2, 6) counts by statement and target value: games, successes, and true and false claims, each
+    followed by how many of them were accepted."""
     statements = {statement: index for index, statement in enumerate(dict.fromkeys(r.statement for r in records))}
     counts = np.zeros((len(statements), 2, 6))
     for record in records:
         row = counts[statements[record.statement], int(record.target)]
-        row[_GAMES] += 1
-        row[_SUCCESSES] += record.outcome is Outcome.SUCCESS
+        row[:2] += 1, record.outcome is Outcome.SUCCESS
         for judgement in record.judgements:
-            claims = _TRUE_CLAIMS if judgement.holds else _FALSE_CLAIMS
-            row[claims] += 1
-            row[claims + 1] += judgement.accepted
+            first = 2 if judgement.holds else 4
+            row[first : first + 2] += 1, judgement.accepted
     return counts
 
 
-def _measures(counts: Float64Array) -> dict[str, Any]:
-    """The measures that counts (6,) determine; rates are None if there are no claims to compute them from."""
-    rates = dict(zip(("true_accept_rate", "false_accept_rate", "j"), map(_or_none, _rates(counts)), strict=True))
-    return {"games": int(counts[_GAMES]), "success_rate": float(_success_rate(counts)), **rates}
-
-
-def _rates(counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(...) true-accept rate, false-accept rate and J of counts (..., 6); NaN without true or false claims."""
+def _rates(counts: Float64Array) -> dict[str, Float64Array]:
+    """(...) the rates from counts (..., 6); NaN without games, or true or false claims, to compute them from."""
+    games, successes, true, true_accepted, false, false_accepted = np.moveaxis(counts, -1, 0)
     with np.errstate(invalid="ignore"):
-        true = counts[..., _TRUE_ACCEPTED] / counts[..., _TRUE_CLAIMS]
-        false = counts[..., _FALSE_ACCEPTED] / counts[..., _FALSE_CLAIMS]
-    return true, false, true - false
+        success, true_accepts, false_accepts = successes / games, true_accepted / true, false_accepted / false
+    names = ("success_rate", "true_accept_rate", "false_accept_rate", "j")
+    return dict(zip(names, (success, true_accepts, false_accepts, true_accepts - false_accepts), strict=True))
 
 
-def _success_rate(counts: Float64Array) -> Float64Array:
-    """(...) the success rates from counts (..., 6)."""
-    return counts[..., _SUCCESSES] / counts[..., _GAMES]
+def _measures(counts: Float64Array) -> dict[str, Any]:
+    """The measures that counts (6,) determine, None for NaN."""
+    rates = {name: None if np.isnan(rate) else float(rate) for name, rate in _rates(counts).items()}
+    return {"games": int(counts[0]), **rates}
 
 
 def _mean_j(counts: Float64Array) -> Float64Array:
     """(...) the mean J of the target values that occur, from counts (..., 2, 6); NaN where one's is."""
-    played = counts[..., _GAMES] > 0
-    return np.where(played, _rates(counts)[2], 0).sum(-1) / played.sum(-1)
+    played = counts[..., 0] > 0
+    return np.where(played, _rates(counts)["j"], 0).sum(-1) / played.sum(-1)
 
 
 def _resampled(counts: Float64Array) -> Float64Array:
@@ -214,21 +196,6 @@ def _interval(values: NDArray[Any]) -> Interval:
     return float(low), float(high)
 
 
-def _or_none(value: Float64Array) -> float | None:
-    return None if np.isnan(value) else float(value)
-
-
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:
     """The measures of the games of `play_games`, with the same arguments."""
     return summarise(play_games(env, proposer, verifier, **kwargs))
-
-
-def cross_play(
-    env: Any, proposers: Mapping[str, Partner], verifiers: Mapping[str, Partner], **kwargs: Any
-) -> dict[tuple[str, str], Metrics]:
-    """The measures of every proposer with every verifier, by their names; keywords as for `play_games`."""
-    return {
-        (proposer, verifier): measure(env, proposers[proposer], verifiers[verifier], **kwargs)
-        for proposer in proposers
-        for verifier in verifiers
-    }

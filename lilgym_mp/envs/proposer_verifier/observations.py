@@ -6,8 +6,9 @@ Every part of an observation is an array or a NumPy scalar, because PettingZoo's
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -23,16 +24,14 @@ from lilgym_mp.envs.sampling import checked_task, naming
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render.canvas import Canvas
+from lilgym_mp.scene.render import draw
 
 PARTS, MASK, IMAGE = "observation", "action_mask", "image"
 AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
 
-BOX_TITLES = ("left", "middle", "right")
-MAX_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
-
-class Part(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Part:
     """One entry of an observation."""
 
     space: spaces.Space[Any]
@@ -42,75 +41,44 @@ class Part(NamedTuple):
 Parts = dict[str, Part]  # by key
 
 
-class LazyTable:
-    """A table of values by key 0 .. count - 1, each computed when it is first needed; the default has key -1."""
-
-    def __init__(self, count: int, space: spaces.Space[Any], value_of: Callable[[int], Any], default: int = 0) -> None:
-        """`value_of`: gives the value of a key; `default`: fills the value of key -1."""
-        self._values = np.full((count + 1, *(space.shape or ())), default, space.dtype)
-        self._is_known = np.arange(count + 1) == count
-        self._unknown = count
-        self._value_of = value_of
-
-    def take(self, keys: Any) -> Any:
-        """(..., *shape) a new array: the values of keys (...)."""
-        is_known = self._is_known[keys] if self._unknown else np.True_
-        if not (is_known.all() if is_known.ndim else is_known):
-            for key in np.unique(keys).tolist():
-                if not self._is_known[key]:
-                    self.set(key, self._value_of(key))
-        return self._values.take(keys, axis=0)
-
-    def set(self, key: int, value: Any) -> None:
-        self._unknown -= not self._is_known[key]
-        self._values[key], self._is_known[key] = value, True
-
-
 class ObservedGames(GameArrays):
     """Games with the observations of both agents. A part that both see is one shared object."""
 
     def __init__(self, game: Game, num_games: int) -> None:
         super().__init__(game, num_games)
-        self._canvas = Canvas(game.settings.image_size)
-        self._text_length = BOX_COUNT * (game.sizes.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
-        slots = len(self._released_array(0))
+        slots = len(self._released_array(STOP_ACTION))
         self._released_space = _box(NO_CHOICE, IMAGE_WIDTH - 1, slots)
-        count = game.config.dynamics.appearance.action_count
-        self._released_arrays = LazyTable(count, self._released_space, self._released_array, NO_CHOICE)
-        self._tables: dict[str, LazyTable] = {}  # values of tasks by index, the last of a caller's task; by part
+        count = game.dynamics.appearance.action_count
+        self._released_table = np.full((count + 1, slots), NO_CHOICE)  # by action; the last row is NO_CHOICE's
+        self._is_new = np.arange(count + 1) < count  # by action, whether it has not occurred
+        self._values: dict[str, NDArray[Any]] = {}  # by part, of tasks by index, the last of a caller's task
         made: dict[Any, Part] = {}
         proposer, verifier = (
             {key: made.setdefault((key, kind), part) for key, kind, part in self._parts_of(role)} for role in Role
         )
         if game.settings.homogeneous:
-            proposer, verifier = (
-                _padded(proposer, verifier, Role.PROPOSER),
-                _padded(verifier, proposer, Role.VERIFIER),
-            )
+            proposer, verifier = _padded(proposer, verifier, PROPOSER), _padded(verifier, proposer, VERIFIER)
         self.parts = (proposer, verifier)  # indexed by role
-        self._shared = [key for key, part in verifier.items() if proposer.get(key) is part]
-        self._verifiers = {key: part for key, part in verifier.items() if key not in self._shared}
+        self._distinct = [*dict.fromkeys([*proposer.values(), *verifier.values()])]
 
     def observe(self, role: Role, indices: Indices) -> AgentObservation:
         """An agent's observation of games `indices`."""
-        return {PARTS: self._encode(self.parts[role], indices, None), MASK: self.masks(role, indices)}
+        parts = {key: part.encode(indices) for key, part in self.parts[role].items()}
+        return {PARTS: parts, MASK: self.masks(role, indices)}
 
-    def observe_both(self, indices: Indices, images: UInt8Array | None = None) -> dict[str, AgentObservation]:
+    def observe_both(self, indices: Indices, *, copy: bool = True) -> dict[str, AgentObservation]:
         """Both agents' observations, which share the arrays of parts that both see.
 
-        `images`: instead of copies of the games' images.
+        `copy=False`: of all games; the images are `images` itself.
         """
-        proposer = self._encode(self.parts[PROPOSER], indices, images)
-        verifier = {key: proposer[key] for key in self._shared} | self._encode(self._verifiers, indices, images)
+        encoded = {
+            part: part.encode(indices) if copy or part.encode != self._images else self.images
+            for part in self._distinct
+        }
+        proposer, verifier = ({key: encoded[part] for key, part in parts.items()} for parts in self.parts)
         return {
             AGENTS[PROPOSER]: {PARTS: proposer, MASK: self.masks(PROPOSER, indices)},
             AGENTS[VERIFIER]: {PARTS: verifier, MASK: self.masks(VERIFIER, indices)},
-        }
-
-    def _encode(self, parts: Parts, indices: Indices, images: UInt8Array | None) -> dict[str, Any]:
-        return {
-            key: part.encode(indices) if images is None or part.encode != self._images else images
-            for key, part in parts.items()
         }
 
     def index_of(self, choice: object) -> int:
@@ -123,11 +91,11 @@ class ObservedGames(GameArrays):
             return tasks.index_of(choice)
         if (index := tasks.find(choice)) is not None:
             return index
-        checked_task(choice, self.game.config.dynamics, self.game.sizes.item_capacity)
+        checked_task(choice, self.game.dynamics, self.game.sizes.item_capacity)
         with naming(choice):
-            values = {name: self._value_of(name, choice) for name in self._tables}
+            values = {name: self._value_of(name, choice.statement, choice.target) for name in self._values}
         for name, value in values.items():
-            self._tables[name].set(len(tasks), value)
+            self._values[name][-1] = value
         self._core.set_task(len(tasks), choice)
         return len(tasks)
 
@@ -142,7 +110,6 @@ class ObservedGames(GameArrays):
             key, space, encode, encode_scene = {
                 "image": (IMAGE, image_space(game.settings.image_size), self._images, self._image_of),
                 "structured": ("item_array", item_array_space(sizes.item_capacity), self.item_arrays, self._items_of),
-                "text": ("text", byte_space(self._text_length), self._texts, self._text_of),
             }[view.scene]
             yield key, None, Part(space, encode)
             if view.proposed_scene and game.turn_based:
@@ -151,7 +118,7 @@ class ObservedGames(GameArrays):
             highest = len(sizes.vocabulary) - 1
             yield "statement", "tokens", self._of_task("tokens", _box(0, highest, sizes.statement_length))
         elif view.statement == "text":
-            yield "statement", "text", self._of_task("text", byte_space(sizes.max_statement_bytes))
+            yield "statement", "text", self._of_task("text", spaces.Box(0, 255, (sizes.max_statement_bytes,), np.uint8))
         if view.target:
             yield "target", None, self._of_task("target", spaces.Discrete(2))
         if view.proposal and game.turn_based:
@@ -174,7 +141,7 @@ class ObservedGames(GameArrays):
         return self.images.take(indices, axis=0)
 
     def _image_of(self, scene: Scene) -> UInt8Array:
-        return self._canvas.show(scene).copy()
+        return draw(scene, self.game.settings.image_size)
 
     def item_arrays(self, indices: Indices) -> Any:
         """(..., 3, capacity, 5)"""
@@ -191,57 +158,56 @@ class ObservedGames(GameArrays):
         self, encode: Callable[[Indices], Any], encode_scene: Callable[[Scene], NDArray[Any]], indices: Indices
     ) -> Any:
         """The scenes after the pending proposals, encoded as the current ones are."""
-        if isinstance(indices, int) and self.proposals[indices] > STOP_ACTION:
-            return encode_scene(self.proposed_scene(indices))
-        encoded = encode(indices)
-        if not isinstance(indices, int):
-            for row in np.flatnonzero(self.proposals[indices] > STOP_ACTION).tolist():
-                encoded[row] = encode_scene(self.proposed_scene(int(indices[row])))
-        return encoded
-
-    def _texts(self, indices: Indices) -> Any:
         if isinstance(indices, int):
-            return self._text_of(self.mdp(indices).scene)
-        return np.stack([self._text_of(self.mdp(index).scene) for index in indices.tolist()])
-
-    def _text_of(self, scene: Scene) -> UInt8Array:
-        return as_bytes(scene_text(scene), self._text_length)
+            return self._proposed(encode, encode_scene, np.array([indices]))[0]
+        encoded = encode(indices)
+        for row in np.flatnonzero(self.proposals[indices] > STOP_ACTION).tolist():
+            encoded[row] = encode_scene(self.proposed_scene(int(indices[row])))
+        return encoded
 
     def _of_task(self, name: str, space: spaces.Space[Any]) -> Part:
         """A part that depends only on the task."""
-        if name not in self._tables:
-            self._tables[name] = LazyTable(len(self.game.tasks) + 1, space, partial(self._value_at, name))
+        if name not in self._values:
+            value_of = cache(partial(self._value_of, name))
+            values = [value_of(task.statement, task.target) for task in self.game.tasks]
+            self._values[name] = np.array([*values, values[0]], space.dtype)
         return Part(space, partial(self._by_task, name))
 
     def _by_task(self, name: str, indices: Indices) -> Any:
-        return self._tables[name].take(self.tasks[indices])
+        return self._values[name].take(self.tasks[indices], axis=0)
 
-    def _value_at(self, name: str, index: int) -> Any:
-        return self._value_of(name, self.game.tasks[index])
-
-    def _value_of(self, name: str, task: Task) -> Any:
+    def _value_of(self, name: str, statement: str, target: bool) -> Any:
         """Raises ValueError for a statement that does not fit the space."""
         sizes = self.game.sizes
         if name == "target":
-            return task.target
+            return target
         if name == "text":
-            return as_bytes(task.statement, sizes.max_statement_bytes)
-        length, count = sizes.statement_length, len(words(task.statement))
+            return as_bytes(statement, sizes.max_statement_bytes)
+        length, count = sizes.statement_length, len(words(statement))
         if count > length:
             raise ValueError(f"its statement has {count} words, and observations have room for {length}")
-        return sizes.vocabulary.encode(task.statement, length)
+        return sizes.vocabulary.encode(statement, length)
 
     def _released_array(self, action: int) -> list[int]:
-        appearance = self.game.config.dynamics.appearance
+        appearance = self.game.dynamics.appearance
         return appearance.to_array(appearance.decode(action))
+
+    def _released_arrays(self, actions: Any) -> NDArray[Any]:
+        """(..., slots) the released form of actions (...), found for each when it first occurs."""
+        is_new = self._is_new[actions]
+        if is_new.any() if is_new.ndim else is_new:
+            for action in np.unique(actions).tolist():
+                if action != NO_CHOICE:
+                    self._released_table[action], self._is_new[action] = self._released_array(action), False
+        return self._released_table.take(actions, axis=0)
 
     def _released(self, name: str, indices: Indices) -> Any:
         """The proposals of the attribute `name` in the released array form."""
-        return self._released_arrays.take(getattr(self, name)[indices])
+        return self._released_arrays(getattr(self, name)[indices])
 
     def _past(self, turns: int, indices: Indices) -> Any:
         past = self.history[indices, -turns:]
-        return np.concatenate([self._released_arrays.take(past[..., 0]), past[..., 1:]], axis=-1)
+        return np.concatenate([self._released_arrays(past[..., 0]), past[..., 1:]], axis=-1)
 
     def _messages(self, sender: Role, indices: Indices) -> Any:
         return self.messages[sender, indices]
@@ -276,24 +242,9 @@ def _box(low: int, high: int, *shape: int) -> spaces.Box:
     return spaces.Box(low, high, shape, np.int64)
 
 
-def byte_space(length: int) -> spaces.Box:
-    return spaces.Box(0, 255, (length,), np.uint8)
-
-
 def item_array_space(capacity: int) -> spaces.Box:
     """x, y, shape, colour and size of each item by box, -1 in empty slots."""
     return spaces.Box(-BOX_SIDE, BOX_SIDE, (BOX_COUNT, capacity, len(Item._fields)), np.int16)
-
-
-def scene_text(scene: Scene) -> str:
-    """One line per box, such as "left: medium yellow square at (40, 80)"; pixels from the box's top-left corner."""
-    boxes = zip(BOX_TITLES, scene.boxes, strict=True)
-    return "\n".join(f"{title}: {', '.join(map(_item_text, box.items)) or 'empty'}" for title, box in boxes)
-
-
-def _item_text(item: Item) -> str:
-    size, colour, shape = (member.name.lower() for member in (item.size, item.colour, item.shape))
-    return f"{size} {colour} {shape} at ({item.x}, {item.y})"
 
 
 def as_bytes(text: str, length: int) -> UInt8Array:

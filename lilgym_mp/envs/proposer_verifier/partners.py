@@ -19,7 +19,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
@@ -126,13 +126,17 @@ class BatchTurn:
         """(k,) whether the statement has the target value: for scripted partners, not for learned policies."""
         return self.games.goals_reached()[self.indices]
 
+    def answers(self, accepts: BoolArray) -> Int64Array:
+        """(k,) the verifier's actions that accept or reject, without a message."""
+        return self.game.encode_action(Role.VERIFIER, 1) * np.where(accepts, ACCEPT, REJECT)
+
     def uniform(self) -> Float64Array:
         """(k,) numbers from 0 to 1, each from its game's generator."""
         return np.array([rng.random() for rng in self.rngs])
 
-    def random_actions(self, mask: Int8Array | None = None) -> Int64Array:
-        """(k,) uniformly random legal actions, or actions in `mask` (k, actions)."""
-        legal = self.action_mask if mask is None else mask
+    def random_actions(self) -> Int64Array:
+        """(k,) uniformly random legal actions."""
+        legal = self.action_mask
         ranks = (self.uniform() * legal.sum(1)).astype(np.int64)  # rank of the action among the legal ones of its row
         return (legal.cumsum(1, dtype=np.int64) > ranks[:, None]).argmax(1)
 
@@ -197,7 +201,7 @@ class RandomPartner:
 class OracleVerifier(BatchPartner):
     """Accepts a claim if it holds, and every other proposal.
 
-    `error_rate`: probability of the opposite judgement. With verdict bins it states the most extreme probability.
+    `error_rate`: probability of the opposite judgement.
     """
 
     error_rate: float = 0.0
@@ -208,7 +212,7 @@ class OracleVerifier(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), np.bool_)
-        return encode_answers(turn.game, turn.is_edit | (turn.goals_reached() != errs))
+        return turn.answers(turn.is_edit | (turn.goals_reached() != errs))
 
 
 @dataclass(frozen=True)
@@ -218,7 +222,7 @@ class ConstantVerifier(BatchPartner):
     accepts: bool
 
     def batch(self, turn: BatchTurn) -> Int64Array:
-        return encode_answers(turn.game, np.full(len(turn.indices), self.accepts))
+        return turn.answers(np.full(len(turn.indices), self.accepts))
 
 
 @dataclass(frozen=True)
@@ -228,21 +232,10 @@ class TargetOnlyVerifier(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         targets = np.array([turn.tasks[index].target for index in turn.task_indices.tolist()])
-        return encode_answers(turn.game, turn.is_edit | ~targets)
+        return turn.answers(turn.is_edit | ~targets)
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
-
-
-def encode_answer(game: Game, *, accepts: bool) -> int:
-    """The verifier's action that accepts or rejects, with no message and the most extreme probability."""
-    return int(encode_answers(game, np.array(accepts)))
-
-
-def encode_answers(game: Game, accepts: BoolArray) -> Int64Array:
-    """(k,) `encode_answer` for arrays."""
-    highest = (game.config.verdict_bins or 2) - 1  # ACCEPT, if there are no bins
-    return game.encode_action(Role.VERIFIER, 1) * np.where(accepts, highest, REJECT)
 
 
 @dataclass(frozen=True)
@@ -263,7 +256,7 @@ class ClaimingProposer:
         edits = state.mdp.steps
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
         if turn.action_mask[claim] and edits >= self.min_edits:
-            fits_intent = game.config.dynamics.goal_reached(state.mdp) == seeks_truth
+            fits_intent = game.dynamics.goal_reached(state.mdp) == seeks_truth
             if fits_intent or edits >= self.max_edits:
                 return claim
         return turn.random_edit()

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from functools import partial
 from typing import NamedTuple
 
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, TurnDecision
 from lilgym_mp.scene.choices import choose, register
-
-ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 
 
 class Intent(IntEnum):
@@ -24,19 +22,14 @@ class Intent(IntEnum):
 class Judgement(NamedTuple):
     """The verifier's answer to the claim that the statement has the target value in the scene."""
 
-    probability: float  # that the claim holds, as stated by the verifier; 0 or 1 for a plain rejection or acceptance
+    accepted: bool
     final: bool  # whether it ends the episode
     holds: bool  # whether the claim is true
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the stated probability counts as acceptance."""
-        return self.probability > ACCEPTANCE_THRESHOLD
 
 
 def judgement_in(decision: TurnDecision, *, holds: bool) -> Judgement | None:
     """The judgement in a turn, if there is one; `holds`: whether the claim is true."""
-    return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
+    return None if decision.accepted is None else Judgement(decision.accepted, decision.final, holds)
 
 
 AgentRewards = str | Mapping[str, float]  # a term, or weights by term
@@ -46,38 +39,29 @@ RewardFunction = Callable[[float, Judgement | None, Intent], tuple[float, float]
 Rewards = str | Mapping[str, AgentRewards] | RewardFunction  # a name in PRESETS, rewards by agent, or a function
 
 
-class Costs(NamedTuple):
-    """The costs of errors in the term "correctness"."""
-
-    false_accept: float
-    false_reject: float
+Term = Callable[[Judgement, Intent], float]
 
 
-Term = Callable[[Judgement, Intent, Costs], float]
-
-
-def _correctness(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """+1 for a correct judgement that ends the episode, minus its cost for a wrong one.
+def _correctness(judgement: Judgement, intent: Intent) -> float:
+    """+1 for a correct judgement that ends the episode, -1 for a wrong one.
 
     A correct rejection that does not end the episode earns nothing: otherwise repeating a false claim would pay.
     """
-    if judgement.accepted == judgement.holds:
-        return float(judgement.final)
-    return -costs.false_accept if judgement.accepted else -costs.false_reject
+    return float(judgement.final) if judgement.accepted == judgement.holds else -1.0
 
 
-def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
+def _hidden(judgement: Judgement, intent: Intent) -> float:
     """+1 if a claim that suits the intent is accepted: a true one if helpful, a false one if deceptive."""
     return float(judgement.accepted and judgement.holds == (intent is Intent.HELPFUL))
 
 
-def _if_judged(term: Term, mdp_reward: float, judgement: Judgement | None, intent: Intent, costs: Costs) -> float:
-    return 0.0 if judgement is None else term(judgement, intent, costs)
+def _if_judged(term: Term, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> float:
+    return 0.0 if judgement is None else term(judgement, intent)
 
 
-TERMS: dict[str, Callable[[float, Judgement | None, Intent, Costs], float]] = {
-    "mdp": lambda mdp_reward, judgement, intent, costs: mdp_reward,
-    "mdp_if_helpful": lambda mdp_reward, judgement, intent, costs: mdp_reward if intent is Intent.HELPFUL else 0.0,
+TERMS: dict[str, Callable[[float, Judgement | None, Intent], float]] = {
+    "mdp": lambda mdp_reward, judgement, intent: mdp_reward,
+    "mdp_if_helpful": lambda mdp_reward, judgement, intent: mdp_reward if intent is Intent.HELPFUL else 0.0,
     "correctness": partial(_if_judged, _correctness),
     "hidden": partial(_if_judged, _hidden),
 }
@@ -85,14 +69,14 @@ TERMS: dict[str, Callable[[float, Judgement | None, Intent, Costs], float]] = {
 # Without the MDP's reward, a proposer with hidden intent earns nothing until a verifier that has learned nothing
 # accepts its claims, and both give up.
 HIDDEN_REWARDS: AgentRewards = {"hidden": 1.0, "mdp_if_helpful": 0.2}
-PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # indexed by role
-    "common": ("mdp", "mdp"),
-    "correctness": ("mdp", "correctness"),
-    "hidden": (HIDDEN_REWARDS, "correctness"),
+PRESETS: Mapping[str, Mapping[str, AgentRewards]] = {  # by agent
+    "common": dict.fromkeys(AGENTS, "mdp"),
+    "correctness": {AGENTS[0]: "mdp", AGENTS[1]: "correctness"},
+    "hidden": {AGENTS[0]: HIDDEN_REWARDS, AGENTS[1]: "correctness"},
 }
 
 
-def make_rewards(rewards: Rewards, costs: Costs) -> tuple[RewardFunction, bool]:
+def make_rewards(rewards: Rewards) -> tuple[RewardFunction, bool]:
     """Both agents' rewards, and whether intents are drawn at reset; otherwise the proposer is helpful in every episode.
 
     Raises ValueError naming the choices for unknown names.
@@ -100,16 +84,14 @@ def make_rewards(rewards: Rewards, costs: Costs) -> tuple[RewardFunction, bool]:
     if callable(rewards):
         return rewards, False
     if isinstance(rewards, str):
-        proposer, verifier = choose("rewards", rewards, PRESETS)
-    else:
-        if not isinstance(rewards, Mapping):
-            raise ValueError(f"rewards must be a preset, a mapping by agent or a function, not {rewards!r}")
-        if set(rewards) != set(AGENTS):
-            named = ", ".join(map(str, rewards)) or "no agent"
-            raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
-        proposer, verifier = (rewards[agent] for agent in AGENTS)
-    weights = _weights(proposer), _weights(verifier)
-    return partial(_weighted_sums, weights, costs), any("hidden" in terms for terms in weights)
+        rewards = choose("rewards", rewards, PRESETS)
+    if not isinstance(rewards, Mapping):
+        raise ValueError(f"rewards must be a preset, a mapping by agent or a function, not {rewards!r}")
+    if set(rewards) != set(AGENTS):
+        named = ", ".join(map(str, rewards)) or "no agent"
+        raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
+    weights = [_weights(rewards[agent]) for agent in AGENTS]
+    return partial(_weighted_sums, weights), any("hidden" in terms for terms in weights)
 
 
 def checked_rewards(returned: object) -> tuple[float, float]:
@@ -123,21 +105,17 @@ def checked_rewards(returned: object) -> tuple[float, float]:
 
 
 def _weighted_sums(
-    weights: tuple[Mapping[str, float], Mapping[str, float]],
-    costs: Costs,
-    mdp_reward: float,
-    judgement: Judgement | None,
-    intent: Intent,
+    weights: Sequence[Mapping[str, float]], mdp_reward: float, judgement: Judgement | None, intent: Intent
 ) -> tuple[float, float]:
     proposer, verifier = (
-        sum((weight * TERMS[term](mdp_reward, judgement, intent, costs) for term, weight in terms.items()), 0.0)
+        sum((weight * TERMS[term](mdp_reward, judgement, intent) for term, weight in terms.items()), 0.0)
         for terms in weights
     )
     return proposer, verifier
 
 
 def register_reward_term(name: str, term: Term) -> None:
-    """Adds a term that rewards mappings may name: a pure function of a judgement, the intent and the costs.
+    """Adds a term that rewards mappings may name: a pure function of a judgement and the intent.
 
     Raises ValueError for a name that is taken.
     """

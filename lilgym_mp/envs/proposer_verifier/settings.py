@@ -6,11 +6,11 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias, TypeVar
 
 from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, ProtocolConfig
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Rewards, checked_number
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import shrink_of
@@ -18,7 +18,7 @@ from lilgym_mp.scene.render import shrink_of
 ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
 Value = TypeVar("Value")
 
-SCENE_VIEWS = ("image", "structured", "text", "none")
+SCENE_VIEWS = ("image", "structured", "none")
 STATEMENT_VIEWS = ("tokens", "text", "none")
 
 
@@ -45,11 +45,7 @@ class View:
         checked_count("history of a view", self.history, least=0)
 
 
-VIEWS: Mapping[str, View] = {
-    "image": View(),
-    "structured": View(scene="structured"),
-    "text": View(scene="text", statement="text"),
-}
+VIEWS: Mapping[str, View] = {"image": View(), "structured": View(scene="structured")}
 
 
 def _make_view(view: ViewSpec) -> View:
@@ -63,6 +59,8 @@ def _make_view(view: ViewSpec) -> View:
     return choose("view", view, VIEWS)
 
 
+# Former settings with their defaults
+GONE = (("ending", None), ("verdict_bins", None), ("false_accept_cost", 1.0), ("false_reject_cost", 1.0))
 REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
 
 
@@ -83,18 +81,14 @@ class GameSettings(EnvConfig):
     configuration: str = "TowerScratch"
     _: KW_ONLY
     protocol: str = setting("veto", "(default: veto)", choices=list(PROTOCOLS))
-    ending: str | None = setting(None, "who may end the game (default: the protocol's)", choices=list(ENDINGS))
     # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
     rewards: Rewards = setting("common", REWARDS_HELP, kind=read_rewards)
-    false_accept_cost: float = setting(1.0, "cost of a false accept in the reward `correctness`")
-    false_reject_cost: float = setting(1.0, "cost of a false reject in the reward `correctness`")
     deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden")
     views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
     message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
         None, "messages besides silence, for both agents (default: the protocol's)", kind=int
     )
     message_cost: float = setting(0.0, "cost of a message to its sender")
-    verdict_bins: int | None = setting(None, "audit: probabilities to choose from (default: true or false)", kind=int)
     exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer")
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
@@ -105,29 +99,22 @@ class GameSettings(EnvConfig):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
         return {**super().to_json(), "homogeneous": self.homogeneous}
 
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
+        """As `EnvConfig.from_json`; also reads files with settings that are gone, if these had their defaults."""
+        return super().from_json({name: value for name, value in data.items() if (name, value) not in GONE})
+
     def check(self) -> None:
         """Raises ValueError naming the value and the choices for the settings that no other method checks."""
+        choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
-        for name in ("false_accept_cost", "false_reject_cost", "message_cost", "deceptive_share"):
+        checked_count("exchanges", self.exchanges, least=0)
+        for name in ("message_cost", "deceptive_share"):
             checked_number(name, getattr(self, name))
         if not 0 <= self.deceptive_share <= 1:
             raise ValueError(f"deceptive_share must be between 0 and 1, not {self.deceptive_share!r}")
         for name in ("reveal_truth", "homogeneous"):
             checked_flag(name, getattr(self, name))
-
-    def protocol_config(self) -> ProtocolConfig:
-        """The settings that the protocol's decisions depend on. Raises ValueError naming the value and the choices."""
-        protocol = choose("protocol", self.protocol, PROTOCOLS)
-        ending = protocol.endings[0] if self.ending is None else self.ending
-        choose(f"ending of protocol {protocol.name!r}", ending, dict.fromkeys(protocol.endings))
-        if self.verdict_bins is not None and not protocol.takes_bins:
-            raise ValueError(f'verdict_bins is for protocol="audit"; {protocol.name!r} has no verdict')
-        return ProtocolConfig(
-            self.dynamics(),
-            ENDINGS[ending],
-            None if self.verdict_bins is None else checked_count("verdict_bins", self.verdict_bins, least=2),
-            checked_count("exchanges", self.exchanges, least=0),
-        )
 
     def views_by_role(self) -> tuple[View, View]:
         return _by_role(self.views, _make_view)

@@ -10,7 +10,6 @@ from gymnasium import spaces
 
 from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import Role
@@ -61,11 +60,6 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self._reward = 0.0  # since the agent's last action, like the info
         self._info: dict[str, Any] = {}
 
-    @property
-    def state(self) -> GameState:
-        """The full state of the game."""
-        return self.engine.state
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -74,7 +68,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         for skipped in range(MAX_RESETS):
             infos = self.engine.reset(seed if skipped == 0 else None, options)
             self._observations = {}
-            self._info = {"task": self.state.mdp.task.id, **infos[self._role]}
+            self._info = {"task": self.engine.state.mdp.task.id, **infos[self._role]}
             self._play_partner()
             if self.engine.movers:
                 return self.observe(self._role)[PARTS], self._info | {"skipped_games": skipped}

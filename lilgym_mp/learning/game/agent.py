@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import torch
@@ -117,25 +117,3 @@ class SeatPartner(BatchPartner):
 def network_names(roles: Sequence[Role], recipe: GameRecipe) -> dict[Role, str]:
     """The name of each agent's network."""
     return {role: SHARED if recipe.algorithm == SHARED else role.name.lower() for role in roles}
-
-
-def describe(
-    settings: GameSettings,
-    recipe: GameRecipe,
-    roles: Sequence[Role],
-    network: GameNetwork,
-    statistics: Mapping[str, Any],
-) -> ModelDescription:
-    programs = ", and programs to exchange colours" if recipe.recolour else ""
-    supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
-    if Role.VERIFIER in roles and recipe.learns_claims:
-        supervision += ", truth of claims judged at the end of games"
-    supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
-    details = {
-        "game": settings.to_json(),
-        "roles": [role.name.lower() for role in roles],
-        "words": list(network.vocabulary.words),
-        "sizes": dict(network.sizes),
-        **statistics,
-    }
-    return GameAgent.describe((settings.configuration,), supervision, recipe.to_json(), details)

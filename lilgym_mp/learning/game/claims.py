@@ -25,28 +25,25 @@ class ClaimMemory:
     def __init__(self, recipe: GameRecipe) -> None:
         self._recipe = recipe
         self._claims: Claims | None = None
-        self._order = np.zeros(0, np.int64)  # indices of the claims, sorted by statement
-        self._firsts = np.zeros(0, np.int64)  # (statements,) position of each statement's first in the order
 
     def add(self, claims: Claims) -> None:
         if self._claims is not None:
             claims = Claims.joined([self._claims, claims])
         self._claims = claims.rows(slice(-self._recipe.claim_memory, None))
-        self._order = np.argsort(self._claims.statement_of, kind="stable")
-        self._firsts = np.unique(self._claims.statement_of[self._order], return_index=True)[1]
 
     def batches(self, rng: np.random.Generator) -> Iterator[Claims]:
         """`claim_steps` batches, of few statements each."""
-        if self._claims is None or not len(self._order):
+        if self._claims is None or not len(self._claims.holds):
             return
-        counts = np.diff(np.append(self._firsts, len(self._order)))
+        order = np.argsort(self._claims.statement_of, kind="stable")
+        firsts = np.unique(self._claims.statement_of[order], return_index=True)[1]  # of each statement, in the order
+        counts = np.diff(np.append(firsts, len(order)))
         for _ in range(self._recipe.claim_steps):
             chosen = rng.choice(len(counts), min(self._recipe.claim_statements, len(counts)), replace=False)
             rows = [
-                self._firsts[index] + rng.permutation(counts[index])[:MAX_CLAIMS_PER_STATEMENT]
-                for index in chosen.tolist()
+                firsts[index] + rng.permutation(counts[index])[:MAX_CLAIMS_PER_STATEMENT] for index in chosen.tolist()
             ]
-            yield self._claims.rows(self._order[np.concatenate(rows)])
+            yield self._claims.rows(order[np.concatenate(rows)])
 
     def to_json(self) -> dict[str, Any]:
         """For a checkpoint: tensors."""

@@ -26,7 +26,6 @@ from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 IMPOSSIBLE = -1e4  # logit
 SURE = 8.0  # logit of accepting an edit, of a verifier that learns from claims alone
-BIN_SHARPNESS = 200.0
 
 
 class Categorical:
@@ -81,10 +80,9 @@ class GameNetwork(BoxTransformer):
     """Policies and values of both agents."""
 
     def __init__(self, game: Game, vocabulary: Vocabulary, recipe: GameRecipe, **sizes: int) -> None:
-        super().__init__(game.config.dynamics.appearance, vocabulary, separators=False, **sizes)
+        super().__init__(game.dynamics.appearance, vocabulary, separators=False, **sizes)
         width, counts = self.sizes["width"], context_sizes(game)
         self.game, self._judges_only = game, recipe.judges_only
-        self._claims_every_turn = not game.turn_based
         self._offsets = np.array([0, *np.cumsum(counts)[:-1].tolist()], np.int64)
         self.context = nn.EmbeddingBag(sum(counts), width, mode="sum")
         nn.init.normal_(self.context.weight, std=0.02)
@@ -121,7 +119,7 @@ class GameNetwork(BoxTransformer):
         if role is Role.PROPOSER:
             prediction = self.decide(encoded, condition)
             types = prediction.types
-            if not self.game.config.ending.proposer_may_stop:
+            if not self.game.protocol.proposer_may_stop:
                 types = torch.cat([torch.full_like(types[:, :1], IMPOSSIBLE), types[:, 1:]], 1)
             mask = None if legal is None else torch.from_numpy(legal).to(device)
             choice = FactoredPolicy(self.factorisation, types, prediction.heads, mask)
@@ -132,28 +130,11 @@ class GameNetwork(BoxTransformer):
     def _answers(self, encoded: EncodedStates, conditioned: Tensor, context: Int64Array) -> Tensor:
         """(N, answers) logits: learned, plus what the claim's truth says about each answer."""
         reached = self.reached(encoded)
-        is_claim = torch.ones_like(reached, dtype=torch.bool)
-        if not self._claims_every_turn:
-            is_claim = torch.from_numpy(context[:, PENDING] == STOP_PENDING).to(reached.device)
-        by_truth = self._truth_logits(reached)
+        claims = (context[:, PENDING] == STOP_PENDING) | (not self.game.turn_based)
+        is_claim = torch.from_numpy(claims).to(reached.device)
+        signs = reached.new_zeros(self.answers.out_features)
+        signs[REJECT], signs[ACCEPT] = -1, 1
+        by_truth = 0.5 * reached[:, None] * signs
         if self._judges_only:
-            return torch.where(is_claim[:, None], by_truth, self._edit_logits(by_truth))
+            return torch.where(is_claim[:, None], by_truth, SURE * signs)
         return self.answers(conditioned) + by_truth * is_claim[:, None]
-
-    def _truth_logits(self, reached: Tensor) -> Tensor:
-        """(N, answers) logits of answers to claims that hold with the log-odds (N,)."""
-        bins = self.game.config.verdict_bins
-        if bins is not None:
-            midpoints = (torch.arange(bins, device=reached.device) + 0.5) / bins
-            return -BIN_SHARPNESS * (torch.sigmoid(reached)[:, None] - midpoints).square()
-        logits = reached.new_zeros(len(reached), self.answers.out_features)
-        logits[:, REJECT], logits[:, ACCEPT] = -0.5 * reached, 0.5 * reached
-        if self._judges_only:
-            logits[:, ACCEPT + 1 :] = IMPOSSIBLE
-        return logits
-
-    @staticmethod
-    def _edit_logits(by_truth: Tensor) -> Tensor:
-        logits = torch.full_like(by_truth, IMPOSSIBLE)
-        logits[:, ACCEPT], logits[:, REJECT] = SURE, -SURE
-        return logits

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
-from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +40,3 @@ class GameRecipe(UpdateRecipe):
     def judges_only(self) -> bool:
         """Whether the verifier's answers follow from the truth it believes in alone, and it accepts edits."""
         return self.verifier == "cross-entropy"
-
-    @classmethod
-    def defaults(cls, configuration: str) -> Mapping[str, Any]:
-        is_flipit = choose("configuration", configuration, CONFIGURATIONS)[1] == "flipit"
-        return {"empty_starts": 0.25 if is_flipit else 0.0}

@@ -13,7 +13,6 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
-from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
 from lilgym_mp.learning.common.factored_policy import as_numpy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
@@ -61,7 +60,7 @@ class Rollout:
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
         self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
-        self.probabilities: Float64Array = np.zeros(shape)  # (T, N) of judged claims, NaN without one
+        self.verdicts: Int64Array = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
         self.holds: BoolArray = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
         self.legal: BoolArray = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
         both = len(Role), *shape
@@ -82,10 +81,9 @@ class Rollout:
 
     def claim_rates(self) -> tuple[float, float, float]:
         """True-accept rate, false-accept rate, and their difference averaged over the targets; NaN without claims."""
-        judged = ~np.isnan(self.probabilities)
-        accepted = self.probabilities[judged] > ACCEPTANCE_THRESHOLD
+        judged = self.verdicts != NO_CHOICE
         counts = np.zeros((2, 2, 2))  # by target, whether the claim holds, whether it was accepted
-        np.add.at(counts, (self.targets[judged], self.holds[judged].astype(int), accepted.astype(int)), 1)
+        np.add.at(counts, (self.targets[judged], self.holds[judged].astype(int), self.verdicts[judged]), 1)
         counts = np.array([*counts, counts.sum(0)])
         with np.errstate(invalid="ignore"):
             shares = counts[..., 1] / counts.sum(-1)
@@ -122,7 +120,7 @@ class RolloutPlayer:
     def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
         recipe, arrays = self._recipe, self._arrays
-        legal = arrays.game.config.dynamics.appearance.action_count if recipe.mask else 0
+        legal = arrays.game.dynamics.appearance.action_count if recipe.mask else 0
         rollout = Rollout(self._sampler.statements, recipe.rollout // recipe.envs, recipe.envs, legal)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
@@ -138,11 +136,11 @@ class RolloutPlayer:
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = rollout.ended[turn] = arrays.terminated | arrays.truncated
             rollout.rewards[:, turn], rollout.successes[turn] = arrays.rewards, arrays.successes
-            rollout.probabilities[turn], rollout.holds[turn] = arrays.probabilities, arrays.holds
-            items.append(claimed[over & ~np.isnan(arrays.probabilities)])
+            rollout.verdicts[turn], rollout.holds[turn] = arrays.verdicts, arrays.holds
+            items.append(claimed[over & (arrays.verdicts != NO_CHOICE)])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
-        known = rollout.ended & ~np.isnan(rollout.probabilities)
+        known = rollout.ended & (rollout.verdicts != NO_CHOICE)
         rollout.claims = Claims(
             np.concatenate(items), rollout.statement_of[known], rollout.targets[known], rollout.holds[known]
         )
@@ -210,7 +208,7 @@ class RolloutPlayer:
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:
     """(k, actions of the MDP) the choices of a proposer with masks (k, actions), whatever the message."""
-    sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
+    sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.dynamics.appearance.action_count
     return without_refused(masks[:, : choices * sizes : sizes].astype(np.bool_), refused)
 
 

@@ -20,7 +20,7 @@ MOST_ROUNDS = 12  # more count as so many
 
 def context_sizes(game: Game) -> tuple[int, ...]:
     """How many values each of CONTEXT has; the bias is always 0, but saved networks have three."""
-    return 2, 3, 3, max(game.message_sizes) + 1, game.config.dynamics.appearance.action_count + 1, MOST_ROUNDS + 1, 3
+    return 2, 3, 3, max(game.message_sizes) + 1, game.dynamics.appearance.action_count + 1, MOST_ROUNDS + 1, 3
 
 
 def read_situations(games: ObservedGames, role: Role, indices: Int64Array) -> tuple[Int16Array, Int64Array]:

@@ -24,7 +24,7 @@ from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, network_names
+from lilgym_mp.learning.game.agent import GameAgent, load_agent, network_names
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -107,7 +107,17 @@ class Run(TrainingRun):
         torch.manual_seed(recipe.seed)
         self._actors = self._make_networks(given, game)
         self.networks = nn.ModuleDict(self._actors).to(self.device)
-        self.begin(_identity(settings, recipe, self.tasks.sha256, partners, start_from))
+        self.trained_parameters = sum(network.trained_parameters for network in self._actors.values())
+        identity = {
+            "learner": GameAgent.kind,
+            "game": settings.to_json(),
+            "recipe": recipe.to_json(),
+            "tasks_sha256": self.tasks.sha256,
+            "partners": {role.name.lower(): list(map(_partner_identity, given)) for role, given in partners.items()},
+            "start_from": None if start_from is None else str(start_from),
+            "start_sha256": None if start_from is None else weights_digest(agent_file(start_from)),
+        }
+        self.begin(identity)
         self._network_of = network_names(self.roles, recipe)
         self._optimisers = {name: make_optimiser(network, recipe) for name, network in self._actors.items()}
         self._rng = np.random.default_rng(recipe.seed)
@@ -138,10 +148,6 @@ class Run(TrainingRun):
             f"{self.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {self.out}"
         )
 
-    @property
-    def trained_parameters(self) -> int:
-        return sum(parameter.numel() for parameter in self.networks.parameters())
-
     def _evaluate(
         self, role: Role, states: States, context: Int64Array, legal: BoolArray | None, rows: Tensor | None = None
     ) -> tuple[AgentPolicy, Tensor]:
@@ -160,7 +166,8 @@ class Run(TrainingRun):
         self.networks.eval()
         rollout = self._player.play(self._evaluate, self._rng)
         self.networks.train()
-        self._clear_caches()
+        for network in self._actors.values():
+            network.clear_cache()
         losses: dict[str, Losses] = {}
         for name, optimiser in self._optimisers.items():
             if (experience := self._experience(name, rollout)) is not None:
@@ -169,10 +176,6 @@ class Run(TrainingRun):
         claim_losses = self._learn_claims(rollout)
         self.counters.steps += self.recipe.rollout
         return self._progress(rollout, losses, claim_losses, start)
-
-    def _clear_caches(self) -> None:
-        for network in self._actors.values():
-            network.clear_cache()
 
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
         """The complete own turns of a network's agents; None if its verifier learns from claims alone."""
@@ -280,20 +283,29 @@ class Run(TrainingRun):
 
     def finish(self) -> GameAgent:
         """The agents that learned."""
-        counters, actors = self.counters, self._actors
-        statistics = {
+        settings, recipe, counters, actors = self.settings, self.recipe, self.counters, self._actors
+        network = next(iter(actors.values()))
+        programs = ", and programs to exchange colours" if recipe.recolour else ""
+        supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
+        if Role.VERIFIER in self.roles and recipe.learns_claims:
+            supervision += ", truth of claims judged at the end of games"
+        supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
+        details = {
+            "game": settings.to_json(),
+            "roles": [role.name.lower() for role in self.roles],
+            "words": list(network.vocabulary.words),
+            "sizes": dict(network.sizes),
             "steps": counters.steps,
             "games": counters.games,
             "cpu_minutes": self.minutes(),
-            "seed": self.recipe.seed,
+            "seed": recipe.seed,
             "trained_parameters": self.trained_parameters,
             "interrupted": self.stop.requested,
         }
-        description = describe(self.settings, self.recipe, self.roles, next(iter(actors.values())), statistics)
+        description = GameAgent.describe((settings.configuration,), supervision, recipe.to_json(), details)
         self.networks.eval()
-        self._clear_caches()
         networks = {role: actors[name] for role, name in self._network_of.items()}
-        return GameAgent(description, self.settings, self.recipe, networks)
+        return GameAgent(description, settings, recipe, networks)
 
 
 _MIXING = np.random.default_rng(0).integers(1, 2**62, 4, dtype=np.int64)  # hashes a turn and its boxes to one number
@@ -323,34 +335,14 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     if str(given) in SCRIPTED_VERIFIERS and role is Role.VERIFIER:
         return SCRIPTED_VERIFIERS[str(given)]
     agent = load_agent(agent_file(given), device)
-    own, wanted = agent.settings, settings
     for name in ("appearance", "protocol", "grid"):
-        if getattr(own, name) != getattr(wanted, name):
-            raise AgentError(
-                f"{given}: trained on {name} {getattr(own, name)!r}; this game has {getattr(wanted, name)!r}"
-            )
+        own, wanted = getattr(agent.settings, name), getattr(settings, name)
+        if own != wanted:
+            raise AgentError(f"{given}: trained on {name} {own!r}; this game has {wanted!r}")
     partner = agent.partner(role, sampled=role is Role.PROPOSER)
     if partner is None:
         raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
     return partner
-
-
-def _identity(
-    settings: GameSettings,
-    recipe: GameRecipe,
-    tasks_sha256: str,
-    partners: Mapping[Role, Sequence[Path | Partner]],
-    start_from: Path | None,
-) -> Mapping[str, Any]:
-    return {
-        "learner": GameAgent.kind,
-        "game": settings.to_json(),
-        "recipe": recipe.to_json(),
-        "tasks_sha256": tasks_sha256,
-        "partners": {role.name.lower(): [_partner_identity(one) for one in given] for role, given in partners.items()},
-        "start_from": None if start_from is None else str(start_from),
-        "start_sha256": None if start_from is None else weights_digest(agent_file(start_from)),
-    }
 
 
 def _partner_identity(partner: Path | Partner) -> str:

@@ -12,8 +12,7 @@ import torch
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, PartnerTurn, Role
-from lilgym_mp.envs.proposer_verifier.partners import encode_answer
-from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, STOP_ACTION
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
@@ -81,15 +80,10 @@ class RewardModelAgent(Agent):
         return truth if state.task.target else 1 - truth
 
     def answer(self, turn: PartnerTurn) -> int:
-        """As a verifier: accepts every edit, and a claim whose probability is above 1/2; with `verdict_bins` it gives
-        the nearest probability instead."""
-        game, proposal = turn.game, turn.state.proposal
-        if proposal not in (None, STOP_ACTION):
-            return encode_answer(game, accepts=True)
-        probability = self.success_probability(turn.state.mdp)
-        if game.config.verdict_bins is None:
-            return encode_answer(game, accepts=probability > 0.5)
-        return game.encode_action(Role.VERIFIER, round(probability * (game.config.verdict_bins - 1)))
+        """As a verifier: accepts every edit, and a claim whose probability is above 1/2."""
+        is_edit = turn.state.proposal not in (None, STOP_ACTION)
+        accepts = is_edit or self.success_probability(turn.state.mdp) > 0.5
+        return turn.game.encode_action(Role.VERIFIER, ACCEPT if accepts else REJECT)
 
     def _reader(self) -> InputReader:
         return InputReader(self.vocabulary, BoxTable(self.appearance), torch.device("cpu"))

@@ -30,7 +30,7 @@ STOPS = TOWER.encode(STOP)
 ADD_BLUE = TOWER.encode(AddBlock(0, Colour.BLUE))
 ADD_BLACK = TOWER.encode(AddBlock(1, Colour.BLACK))
 REMOVE_FROM_EMPTY = TOWER.encode(RemoveBlock(2))
-REJECT, ACCEPT, VERIFIER_STOPS = 0, 1, 2
+REJECT, ACCEPT = 0, 1
 CONTINUE, STOP_NOW = 0, 1
 WAIT = TOWER.action_count  # the proposer's, in turn-based games without messages
 

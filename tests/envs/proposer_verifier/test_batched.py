@@ -11,7 +11,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env, read_text
+from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env
 from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
@@ -20,9 +20,9 @@ GAMES, STEPS, SEED = 8, 15, 11  # enough games for compiled code
 VERIFIER_WAITS = 2
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
-    {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True, "ending": "either"},
+    {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True},
     {"protocol": "joint", "appearance": "scatter", "start": "flipit", "reveal_truth": True, "homogeneous": True},
-    {"protocol": "audit", "verdict_bins": 4, "rewards": "correctness"},
+    {"protocol": "audit", "rewards": "correctness"},
 ]
 
 
@@ -51,10 +51,8 @@ def test_infos__describe_each_games_turn(settings: dict[str, Any]):
             seen[index], *_, info = single.step(action)
             assert infos["is_success"][index] == info[PROPOSER].get("is_success", False)
             judgement = single.engine.games.last_judgement(0)
-            if judgement is None:
-                assert np.isnan(infos["probability"][index])
-            else:
-                assert infos["probability"][index] == judgement.probability
+            assert infos["verdict"][index] == (-1 if judgement is None else judgement.accepted)
+            if judgement is not None:
                 assert infos.get("holds", {index: judgement.holds})[index] == judgement.holds
             if not single.agents:
                 seen[index], _ = single.reset()
@@ -85,12 +83,12 @@ def test_refused__shows_the_proposal_until_an_action_is_played():
 
 
 def test_proposed_scene__is_the_scene_after_the_proposal():
-    game = parallel_env(protocol="veto", views={"scene": "text", "proposed_scene": True})
+    game = parallel_env(protocol="veto", views={"scene": "structured", "proposed_scene": True})
     game.reset(seed=0)
     seen, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
     view = seen[VERIFIER]["observation"]
-    assert read_text(view["text"]).splitlines()[0] == "left: empty"
-    assert read_text(view["proposed_text"]).splitlines()[0] == "left: medium blue square at (40, 80)"
+    assert (view["item_array"] == -1).all()
+    assert view["proposed_item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
 def test_tasks_and_sampler__choose_what_is_played():
@@ -134,19 +132,11 @@ def test_reset__options_set_task_and_intent_of_all_games():
         batch.reset(options={"intent": "kind"})
 
 
-def test_final_observations__are_a_sequence_of_all_games_with_stacked_arrays_of_ended_ones():
+def test_final_observations__are_of_the_games_that_ended():
     batch = BatchedGames(3, protocol="joint")
     batch.reset(seed=0)
     *_, infos = batch.step({PROPOSER: np.full(3, ADD_BLUE), VERIFIER: np.array([CONTINUE, STOP_NOW, CONTINUE])})
-    last = infos["final_observation"]
-    assert [observation is None for observation in last] == [True, False, True]
-    assert last[-2] is not None
-    assert [len(last), len(last[:2])] == [3, 2]
-    assert last.indices.tolist() == [1]
-    stacked = last.stacked[VERIFIER]["action_mask"]
-    assert np.array_equal(stacked[0], last[1][VERIFIER]["action_mask"])
-    with pytest.raises(IndexError):
-        last[3]
+    assert [observation is None for observation in infos["final_observation"]] == [True, False, True]
 
 
 @pytest.mark.parametrize("copies", [True, False])

@@ -24,7 +24,6 @@ from tests.envs.proposer_verifier.games import (
     REMOVE_FROM_EMPTY,
     STOP_NOW,
     STOPS,
-    VERIFIER_STOPS,
     WAIT,
     OneGame,
     Step,
@@ -40,7 +39,6 @@ ACTIONS = {
     "STOP": STOPS,  # remove is invalid
     "reject": REJECT,
     "accept": ACCEPT,
-    "stop": VERIFIER_STOPS,
     "continue": CONTINUE,
     "halt": STOP_NOW,
     "refuse": 0,
@@ -59,17 +57,9 @@ veto                       remove accept             | invalid_action nobody    
 veto                       remove reject             | continues      proposer 0 1 -0.1
 veto horizon=2             blue reject blue reject   | horizon        nobody    0 2 -1.0
 veto horizon=2             blue reject blue accept   | horizon        nobody    1 2 -1.0
-veto ending=proposer       STOP                      | wrong_stop     nobody    0 1 -1.0
-veto ending=either         STOP                      | wrong_stop     nobody    0 1 -1.0
-veto ending=verifier       blue stop                 | wrong_stop     nobody    0 1 -1.0
 joint                      blue+continue             | continues      both     1 1 -0.1
 joint                      blue+halt                 | wrong_stop     nobody    0 1 -1.0
 joint                      blue+continue black+halt  | success        nobody    1 2  1.0
-joint ending=agreement     STOP+continue             | continues      both     0 1 -0.1
-joint ending=agreement     blue+halt                 | continues      both     1 1 -0.1
-joint ending=agreement     STOP+halt                 | wrong_stop     nobody    0 1 -1.0
-joint ending=either        STOP+continue             | wrong_stop     nobody    0 1 -1.0
-joint ending=either        blue+halt                 | wrong_stop     nobody    0 1 -1.0
 audit                      black blue                | continues      proposer 2 2 -0.1
 audit                      STOP                      | none           verifier  0 0  0.0
 audit                      blue STOP refuse          | success        nobody    1 2  1.0
@@ -103,21 +93,13 @@ def test_horizon__truncates_under_the_release_rules():
     assert (step.terminated, step.truncated, step.rewards) == (False, True, (-0.1, -0.1))
 
 
-@pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
-    this = game(protocol=protocol, ending="verifier")
+def test_joint__the_proposer_cannot_stop():
+    this = game(protocol="joint")
     played = OneGame(this)
     assert not played.games.masks(Role.PROPOSER, 0)[STOPS]
-    step = played.step(STOPS, *([CONTINUE] if protocol == "joint" else []))
+    step = played.step(STOPS, CONTINUE)
     assert (step.illegal[Role.PROPOSER], step.outcome, items(step)) == (True, Outcome.CONTINUES, 0)
-    assert this.action_counts[VERIFIER] == (2 if protocol == "joint" else 4)  # with STOP, and "wait"
-
-
-@pytest.mark.parametrize(("bins", "stated"), [(None, [0, 1]), (2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
-def test_audit__verdicts_state_probabilities(bins: int | None, stated: list[float]):
-    this = game(protocol="audit", verdict_bins=bins)
-    judged = [final_step(this, STOPS, verdict).judgement for verdict in range(len(stated))]
-    assert [(each and each.probability, each and each.holds) for each in judged] == [(one, False) for one in stated]
+    assert this.action_counts[VERIFIER] == 2
 
 
 def test_message__reaches_the_state_and_costs_its_sender():
@@ -150,32 +132,29 @@ def test_illegal_choice__counts_as_no_choice(protocol: str, actions: Any, meanin
     step = final_step(game(protocol=protocol), *actions)
     assert any(step.illegal)
     assert items(step) == 0
-    assert step.judgement is None or step.judgement.probability == 0.0
+    assert step.judgement is None or not step.judgement.accepted
     assert step.state.mdp.steps == 1
 
 
-REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, float]]] = [
-    # rewards, settings, actions in an audit, intent, expected
-    ("common", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
-    ("common", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, -1.0)),
-    ("correctness", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
-    ("correctness", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
-    ("correctness", {"false_accept_cost": 3.0}, (STOPS, 1), Intent.HELPFUL, (-1.0, -3.0)),
-    ("correctness", {"false_reject_cost": 0.5}, (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -0.5)),
-    ("correctness", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (-1.0, -1.0)),
-    ("hidden", {}, (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
-    ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
-    ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, 1.0)),
-    ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
-    ("hidden", {}, (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
+REWARDED: list[tuple[str, tuple[int, ...], Intent, tuple[float, float]]] = [
+    # rewards, actions in an audit, intent, expected
+    ("common", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
+    ("common", (STOPS, 0), Intent.HELPFUL, (-1.0, -1.0)),
+    ("correctness", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
+    ("correctness", (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
+    ("correctness", (STOPS, 1), Intent.HELPFUL, (-1.0, -1.0)),
+    ("correctness", (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -1.0)),
+    ("hidden", (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
+    ("hidden", (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
+    ("hidden", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, 1.0)),
+    ("hidden", (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
+    ("hidden", (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
 ]
 
 
-@pytest.mark.parametrize(("rewards", "settings", "actions", "intent", "expected"), REWARDED)
-def test_rewards__in_audit(
-    rewards: str, settings: dict[str, Any], actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]
-):
-    step = final_step(game(protocol="audit", rewards=rewards, **settings), *actions, intent=intent)
+@pytest.mark.parametrize(("rewards", "actions", "intent", "expected"), REWARDED)
+def test_rewards__in_audit(rewards: str, actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]):
+    step = final_step(game(protocol="audit", rewards=rewards), *actions, intent=intent)
     assert step.rewards == pytest.approx(expected)
 
 
@@ -209,15 +188,14 @@ def test_engine__refuses_invalid_actions(action: Any):
 
 
 GAMES = {
-    (protocol, ending, words): game(protocol=protocol, ending=ending, message_size=words, views={"history": 2})
+    (protocol, words): game(protocol=protocol, message_size=words, views={"history": 2})
     for protocol in PROTOCOLS
-    for ending in PROTOCOLS[protocol].endings
     for words in (0, 2)
 }
 
 
 @given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
-def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
+def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, int], chances: list[int]):
     this = GAMES[key]
     played = OneGame(this)
     for chance in chances:
@@ -236,4 +214,4 @@ def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str
             elif step.illegal[role]:
                 assert not masks[role][actions[role]]
         assert bool(step.movers) != (step.terminated or step.truncated)
-        assert step.state.mdp.steps <= this.config.dynamics.horizon
+        assert step.state.mdp.steps <= this.dynamics.horizon

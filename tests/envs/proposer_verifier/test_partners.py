@@ -22,7 +22,6 @@ from lilgym_mp.envs.proposer_verifier import (
     PartnerTurn,
     RandomPartner,
     SingleAgentView,
-    cross_play,
     env,
     measure,
     metrics,
@@ -128,7 +127,7 @@ def test_illegal_action_of_a_partner__raises_naming_it(action: Any, message: str
 
 
 def test_single_agent_view__after_the_end_needs_a_reset():
-    view = SingleAgentView(env(ending="proposer"), PROPOSER, "random")
+    view = SingleAgentView(env(), PROPOSER, "always_accept")
     with pytest.raises(ResetNeeded):
         view.step(STOPS)
     view.reset(seed=0)
@@ -137,24 +136,22 @@ def test_single_agent_view__after_the_end_needs_a_reset():
         view.step(STOPS)
 
 
-def record(*answers: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
-    judgements = tuple(Judgement(probability, True, holds) for probability, holds in answers)
+def record(*answers: tuple[bool, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
+    judgements = tuple(Judgement(accepted, True, holds) for accepted, holds in answers)
     return GameRecord("task", "A statement.", True, outcome, rounds, (1.0, -1.0), judgements)
 
 
 def test_measures__of_literal_games():
     measured = summarise(
         [
-            record((0.95, True), (0.85, True), (0.15, True), rounds=4),
-            record((0.15, False), (0.95, False), outcome=Outcome.WRONG_STOP),
+            record((True, True), (True, True), (False, True), rounds=4),
+            record((False, False), (True, False), outcome=Outcome.WRONG_STOP),
         ]
     )
     assert (measured.games, measured.claims, measured.mean_rounds) == (2, 5, 3.0)
     assert (measured.success_rate, measured.mean_return_proposer, measured.mean_return_verifier) == (0.5, 1.0, -1.0)
     assert measured.true_accept_rate == pytest.approx(2 / 3)
     assert measured.false_accept_rate == pytest.approx(1 / 2)
-    assert measured.brier_score == pytest.approx((0.05**2 + 0.15**2 + 0.85**2 + 0.15**2 + 0.95**2) / 5)
-    assert measured.calibration_error == pytest.approx((2 * 0.35 + 0.15 + 2 * 0.45) / 5)
 
 
 def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
@@ -162,7 +159,7 @@ def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
     claims = [(True, holds) for holds in (True, False, False, False)] + [
         (False, holds) for holds in (True,) * 3 + (False,)
     ]
-    measured = summarise([record((float(not target), holds))._replace(target=target) for target, holds in claims])
+    measured = summarise([record((not target, holds))._replace(target=target) for target, holds in claims])
     assert (measured.true_accept_rate, measured.false_accept_rate) == (0.75, 0.25)
     names = ("games", "success_rate", "true_accept_rate", "false_accept_rate", "j")
     assert tuple(map(measured.by_target["true"].get, names)) == (4, 1.0, 0.0, 0.0, 0.0)
@@ -171,24 +168,24 @@ def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
 
 
 def test_j__is_the_mean_over_targets_with_an_interval_over_statements():
-    right, wrong = (record((1.0, True), (0.0, False)), record((0.0, True), (1.0, False)))
+    right, wrong = (record((True, True), (False, False)), record((False, True), (True, False)))
     games = [game._replace(statement=str(index)) for index, game in enumerate([right, right, right, wrong])]
     measured = summarise(games)
     assert measured.j == pytest.approx(0.5)
     assert measured.j_interval == (pytest.approx(-0.5), 1.0)
     assert summarise([right] * 4).j_interval == (1.0, 1.0)
-    assert summarise([record((1.0, True))]).j is None
+    assert summarise([record((True, True))]).j is None
     without_claims = summarise([record()])
-    assert (without_claims.true_accept_rate, without_claims.calibration_error) == (None, None)
+    assert (without_claims.true_accept_rate, without_claims.false_accept_rate) == (None, None)
     with pytest.raises(ValueError, match="cannot summarise zero games"):
         summarise([])
 
 
 def test_accepted_false_claims__are_those_that_end_the_game():
-    lie, continued = Judgement(1.0, True, False), Judgement(1.0, False, False)
+    lie, continued = Judgement(True, True, False), Judgement(True, False, False)
     games = [
         record()._replace(judgements=judged)
-        for judged in [(lie,), (continued,), (lie, Judgement(0.0, False, False)), ()]
+        for judged in [(lie,), (continued,), (lie, Judgement(False, False, False)), ()]
     ]
     assert summarise(games).accepted_false_claims == 0.25
 
@@ -212,18 +209,6 @@ def test_scripted__play_alike_singly_and_in_batches(partner: str):
     single, tasks = SCRIPTED[partner], some_tasks(game)[:20]
     batched = play_games(game, CLAIMING, single, tasks=tasks)
     assert play_games(game, CLAIMING, lambda turn: single(turn), tasks=tasks) == batched
-
-
-def test_cross_play__equals_the_games_of_each_pair():
-    game = env(protocol="audit", rewards="hidden")
-    proposers, verifiers = (
-        {"by intent": CLAIMING, "lies": SCRIPTED["deceptive"]},
-        {"oracle": OracleVerifier(), "yes": ALWAYS_ACCEPT},
-    )
-    table = cross_play(game, proposers, verifiers, tasks=some_tasks(game)[:10])
-    assert table.keys() == {(proposer, verifier) for proposer in proposers for verifier in verifiers}
-    assert table["lies", "yes"] == measure(game, SCRIPTED["deceptive"], ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
-    assert table["lies", "yes"].accepted_false_claims > table["lies", "oracle"].accepted_false_claims == 0.0
 
 
 class BadBatchPartner:

@@ -77,7 +77,7 @@ def test_situations__show_each_agent_what_it_may_know():
     assert context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
     assert not context[:, INTENT].any()
     capacity = items.shape[2]
-    edited = game.config.dynamics.step(games.mdp(1), game.config.dynamics.appearance.decode(add)).state
+    edited = game.dynamics.step(games.mdp(1), game.dynamics.appearance.decode(add)).state
     assert np.array_equal(items[0], item_array(games.mdp(0).scene, capacity))
     assert np.array_equal(items[1], item_array(edited.scene, capacity))
     games.step(np.zeros(2, np.int64), np.zeros(2, np.int64))  # both proposals are rejected

@@ -169,7 +169,7 @@ def legal(key: RandomId, services: Services) -> JSON:
     if role is Role.VERIFIER:
         return {"actions": [game.describe(role, index) for index in legal]}
     messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
-    actions = dict.fromkeys(game.config.dynamics.appearance.decode(index // messages) for index in legal)
+    actions = dict.fromkeys(game.dynamics.appearance.decode(index // messages) for index in legal)
     return {"actions": [describe(action) for action in actions]}
 
 
@@ -203,7 +203,7 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
     legal = live.legal(role)
     intent, message = observation.get("intent"), observation.get("message")
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
-    dynamics, scene = game.config.dynamics, state.mdp.scene
+    dynamics, scene = game.dynamics, state.mdp.scene
     proposed = None if state.proposal is None else dynamics.appearance.decode(state.proposal)
     return {
         "role": role.name.lower(),
@@ -249,8 +249,8 @@ def _past_turn(game: Game, turn: Int64Array) -> JSON:
     """A past turn. Null: no action taken; message 0: silence."""
     proposal, answer, proposer_message, verifier_message = turn.tolist()
     return {
-        "proposal": None if proposal == NO_CHOICE else describe(game.config.dynamics.appearance.decode(proposal)),
-        "answer": None if answer == NO_CHOICE else game.protocol.answers(game.config)[answer],
+        "proposal": None if proposal == NO_CHOICE else describe(game.dynamics.appearance.decode(proposal)),
+        "answer": None if answer == NO_CHOICE else game.protocol.answers[answer],
         "proposer_message": max(0, proposer_message),
         "verifier_message": max(0, verifier_message),
     }
