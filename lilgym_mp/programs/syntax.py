@@ -171,7 +171,6 @@ Node = (
     | Display
 )
 _NODES = frozenset(get_args(Node))
-_LEAVES = (Constant, SceneName, Variable, WordName)  # nodes without children
 
 
 def parse(source: str) -> Node:
@@ -201,8 +200,6 @@ def children(node: Node) -> Iterator[Node]:
 
 def with_children(node: Node, changed: Callable[[Node], Node]) -> Node:
     """The node with each direct child replaced by what `changed` returns for it."""
-    if type(node) in _LEAVES:
-        return node
 
     def replaced(part: Any) -> Any:
         if type(part) is tuple:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
 from lilgym_mp.programs import syntax
@@ -35,56 +34,45 @@ def trace(source: str, scene: Scene, step_limit: int | None = None) -> list[Trac
     """The closed subexpressions of a program in pre-order; under each call that takes a condition, an entry says which
     elements satisfy it. Raises ProgramError for an invalid program.
 
-    `step_limit`: of all evaluations together, as in `Program.evaluate`; by default each has the limit of a program.
-    Parts evaluated beyond it have no value.
+    `step_limit`: of all evaluations together, as in `Program.evaluate`. Parts evaluated beyond it have no value.
     """
-    return list(_entries(syntax.parse(source), _Budget(scene, step_limit), 0))
+    return list(_entries(syntax.parse(source), Evaluation(scene, step_limit), 0))
 
 
-class _Budget:
-    """The scene, and the steps left for evaluations."""
-
-    def __init__(self, scene: Scene, steps: int | None) -> None:
-        self._scene, self._steps = scene, steps
-
-    @contextmanager
-    def evaluation(self, node: syntax.Node) -> Generator[Evaluation]:
-        """For one evaluation of the node."""
-        evaluation = Evaluation(self._scene, self._steps)
-        try:
-            evaluation.charge(syntax.own_size(node))
-            yield evaluation
-        finally:
-            if self._steps is not None:
-                self._steps = max(0, evaluation.steps_left)
+def _begin(node: syntax.Node, evaluation: Evaluation) -> None:
+    """Charges for an evaluation of the node; the last one may have ended with an error."""
+    evaluation.held = evaluation.call_depth = 0
+    evaluation.charge(syntax.own_size(node))
 
 
-def _entries(node: syntax.Node, budget: _Budget, depth: int) -> Iterator[TraceEntry]:
+def _entries(node: syntax.Node, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
     is_trivial = isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda)
     if is_trivial or syntax.free_variables(node):
         return
-    yield TraceEntry(depth, source_of(node), *_value(node, budget))
+    yield TraceEntry(depth, source_of(node), *_value(node, evaluation))
     if isinstance(node, syntax.Call):
-        yield from _conditions(node, budget, depth + 1)
+        yield from _conditions(node, evaluation, depth + 1)
     for child in syntax.children(node):
-        yield from _entries(child, budget, depth + 1)
+        yield from _entries(child, evaluation, depth + 1)
 
 
-def _conditions(call: syntax.Call, budget: _Budget, depth: int) -> Iterator[TraceEntry]:
+def _conditions(call: syntax.Call, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
     """An entry per lambda argument of a closed call: the elements of the first argument that satisfy it."""
     collection, *others = call.arguments
     for other in others:
         if collection and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
-            yield TraceEntry(depth, source_of(other), *_satisfied_by(collection, other, budget))
+            yield TraceEntry(depth, source_of(other), *_satisfied_by(collection, other, evaluation))
 
 
-def _satisfied_by(tested: syntax.Node, condition: syntax.Lambda, budget: _Budget) -> tuple[str, tuple[ItemIndex, ...]]:
+def _satisfied_by(
+    tested: syntax.Node, condition: syntax.Lambda, evaluation: Evaluation
+) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
-        with budget.evaluation(condition) as evaluation:
-            collection = build_closure(tested)(evaluation, {})
-            body = build_closure(condition.body)
-            satisfying = [each for each in collection if _holds(body(evaluation, {condition.parameter: each}))]
-            evaluation.measure(satisfying)
+        _begin(condition, evaluation)
+        collection = build_closure(tested)(evaluation, {})
+        body = build_closure(condition.body)
+        satisfying = [each for each in collection if _holds(body(evaluation, {condition.parameter: each}))]
+        evaluation.measure(satisfying)
         text = _value_text(satisfying) if satisfying else "none"
         return f"satisfied by {text} of {len(collection)}", _item_indices(satisfying)
     except (ProgramRuntimeError, TypeError) as fault:
@@ -96,11 +84,11 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: syntax.Node, budget: _Budget) -> tuple[str, tuple[ItemIndex, ...]]:
+def _value(node: syntax.Node, evaluation: Evaluation) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
-        with budget.evaluation(node) as evaluation:
-            value = build_closure(node)(evaluation, {})
-            evaluation.measure(value)
+        _begin(node, evaluation)
+        value = build_closure(node)(evaluation, {})
+        evaluation.measure(value)
     except ProgramRuntimeError as fault:
         return f"no value: {fault}", ()
     return _value_text(value), _item_indices(value)

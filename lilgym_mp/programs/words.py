@@ -272,19 +272,12 @@ class Word:
 
         Raises TypeError for missing, unknown, repeated or surplus arguments.
         """
-        by_position = [parameter.name for parameter in self.parameters if not parameter.keyword_only]
-        given = {**keywords, **dict(zip(by_position, positional, strict=False))}
-        for parameter in self.parameters:
-            if parameter.name in keywords and parameter.name in by_position[: len(positional)]:
-                raise TypeError(f"argument {parameter.name!r} is given twice")
-            if parameter.name not in given and not parameter.optional:
-                raise TypeError(f"argument {parameter.name!r} is missing")
-        unknown = keywords.keys() - {parameter.name for parameter in self.parameters}
-        if unknown:
-            raise TypeError(f"there is no argument {min(unknown)!r}")
-        if len(by_position) < len(positional):
-            raise TypeError(f"{len(positional)} arguments are too many")
+        given = self._python_signature.bind(*positional, **keywords).arguments
         return tuple(given.get(parameter.name) for parameter in self.parameters)
+
+    @functools.cached_property
+    def _python_signature(self) -> inspect.Signature:
+        return inspect.signature(self.function)
 
     def __call__(self, *args: Any) -> Any:
         coerced = self.coerce(args)
