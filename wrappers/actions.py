@@ -50,7 +50,7 @@ class Forcing(Transformation):
         super().__init__(description)
         choose("mode", mode, {name: name for name in ("mask", "replace", "observe")})
         self.adds_infos, self.changes_actions = mode == "mask", mode == "replace"
-        self.changes_observations = self.uses_mdp_actions = mode == "observe"  # so that the game refuses it
+        self.changes_observations = self.uses_mdp_actions = mode == "observe"
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
             raise ValueError(
@@ -110,7 +110,6 @@ class ArrayDecoding(Transformation):
     """Decodes batches of action arrays to action indices."""
 
     changes_actions = True
-    uses_mdp_actions = True
 
     def __init__(self, description: EnvDescription, *, masks: str) -> None:
         super().__init__(description)
@@ -224,7 +223,6 @@ class NameDecoding(Transformation):
     """Decodes action names to action indices."""
 
     changes_actions = True
-    uses_mdp_actions = True
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description)

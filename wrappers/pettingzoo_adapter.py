@@ -1,5 +1,5 @@
 """Applies a transformation to the proposer-verifier game, as a layer of its engine: to the observations and rewards of
-both agents, and to the proposer's actions and masks.
+both agents, and to the proposer's masks.
 
 Imported by `factory` only for PettingZoo environments, so that pettingzoo stays optional.
 """
@@ -51,7 +51,7 @@ def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, set
 
 
 class GameLayer:
-    """The effect of one wrapper on a game. Actions and masks change only for the proposer, in its turn."""
+    """The effect of one wrapper on a game. Masks change only for the proposer, in its turn."""
 
     def __init__(
         self, base: BaseGameEnv, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]
@@ -67,35 +67,22 @@ class GameLayer:
                 raise WrongEnvironment(f'{name} needs the game with observations="nested", not {nested}')
             description = EnvDescription(name, base.tasks, base.dynamics, nested[PARTS], base.action_space(agent))
             transformation = transformation_class(description, **settings)
-            if transformation.uses_mdp_actions:
+            if transformation.uses_mdp_actions or transformation.changes_actions:
                 raise WrongEnvironment(f"{name} uses the MDP's actions, but the game's agents have other action spaces")
             self._transformations.append(transformation)
             self.observation_spaces.append(spaces.Dict({PARTS: transformation.observation_space(), MASK: nested[MASK]}))
         self.transformation = self._transformations[PROPOSER]
-        self._entries: Info = {}  # info entries of the proposer's action in this turn
         self._rounds = 0  # after the last turn, like the potential; used only to change rewards
         self._potential = np.zeros(1)
 
     def start(self) -> None:
-        self._entries, self._rounds = {}, 0
+        self._rounds = 0
         if self.transformation.changes_rewards:
             self._potential = self.transformation.potentials([self._engine.state.mdp])
 
-    def action(self, action: int) -> int:
-        self._entries = {}
-        if not (self.transformation.changes_actions and PROPOSER in self._engine.movers):
-            return action
-        game = self._engine.game
-        choice, message = divmod(action, game.message_sizes[PROPOSER] + 1)
-        choices, entries = self.transformation.actions(np.array([choice]), self._state(PROPOSER, None))
-        if int(choices[0]) not in game.choices[PROPOSER]:  # a forced STOP, but only the verifier may stop
-            return action
-        self._entries = {name: to_python(value[0]) for name, value in entries.items()}
-        return game.encode_action(PROPOSER, int(choices[0]), message)
-
     def changed(self, turn: TurnResult) -> TurnResult:
         rewards, (proposer, verifier) = turn.rewards, turn.infos
-        infos = self._info(Role.PROPOSER, proposer | self._entries), self._info(Role.VERIFIER, verifier)
+        infos = self._info(Role.PROPOSER, proposer), self._info(Role.VERIFIER, verifier)
         if self.transformation.changes_rewards:
             for info, reward in zip(infos, rewards, strict=True):
                 info[UNCHANGED_REWARD] = reward
@@ -125,15 +112,14 @@ class GameLayer:
         transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
         state = self._state(role, mask)
         if transformation.changes_observations:
-            parts = row_of(
-                transformation.observations(stacked([parts]), state), 0
-            )  # scalars stay NumPy's, as PettingZoo's tests demand
+            batch = transformation.observations(stacked([parts]), state)
+            parts = row_of(batch, 0)  # scalars stay NumPy's, as PettingZoo's tests demand
         if role is PROPOSER and PROPOSER in self._engine.movers:
             narrowed = mask * transformation.action_masks(state)[0]
             mask = narrowed if narrowed.any() else mask
         return {PARTS: parts, MASK: mask}
 
-    def _state(self, role: Role, mask: Int8Array | None) -> EnvState:
-        """`mask`: the agent's legal actions, None if not needed."""
-        masks = None if mask is None else mask[None].astype(np.bool_)
-        return EnvState(self._transformations[role].env_description, (self._engine.state.mdp,), masks)
+    def _state(self, role: Role, mask: Int8Array) -> EnvState:
+        """`mask`: the agent's legal actions."""
+        description = self._transformations[role].env_description
+        return EnvState(description, (self._engine.state.mdp,), mask[None].astype(np.bool_))

@@ -158,8 +158,8 @@ class Transformation:
     """The identity. Subclasses override what they change, with pure methods."""
 
     changes_observations: bool = False
-    changes_actions: bool = False
-    uses_mdp_actions: bool = False  # whether it decodes or describes MDP actions, so cannot wrap the game
+    changes_actions: bool = False  # so cannot wrap the game, whose agents have other action spaces
+    uses_mdp_actions: bool = False  # whether it depends on MDP actions in other ways, with the same consequence
     changes_rewards: bool = False
     adds_infos: bool = False  # whether `added_infos` has entries
 

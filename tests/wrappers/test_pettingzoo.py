@@ -33,7 +33,6 @@ STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "native": [wrappers.native_image_v0, wrappers.channels_first_v0],
     "flat": [wrappers.flat_observation_v0],
     "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
-    "replacing": [partial(wrappers.stop_forcing_v0, mode="replace")],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
 }
@@ -97,26 +96,13 @@ def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
     assert np.array_equal(game.observe(VERIFIER)["action_mask"], verifiers)
 
 
-def test_stop_forcing__replaces_the_proposers_action(settings: dict[str, Any]):
-    game = wrappers.stop_forcing_v0(env(**settings), mode="replace")
-    game.reset(seed=0, options={"task": "blue"})
-    game.step(ADD_LEFT_BLUE)
-    assert game.infos[PROPOSER]["forced_stop"] is False
-    game.step(ACCEPT)
-    game.step(ADD_LEFT_YELLOW)
-    assert game.infos[PROPOSER]["forced_stop"] is True
-    game.step(ACCEPT)
-    assert game.infos[PROPOSER]["outcome"] == "success"
-
-
 def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
-    for mode in ("mask", "replace"):
-        game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}), mode=mode)
-        game.reset(seed=0, options={"task": "blue"})
-        game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
-        observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})
-        assert observations[PROPOSER]["action_mask"].sum() > 1
-        assert len(game.unwrapped.scene.boxes[0].items) == 2
+    game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}))
+    game.reset(seed=0, options={"task": "blue"})
+    game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
+    observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})
+    assert observations[PROPOSER]["action_mask"].sum() > 1
+    assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
 def test_potential_shaping__shapes_no_reward_before_both_agents_have_acted(settings: dict[str, Any]):
@@ -150,9 +136,15 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
         SingleAgentView(game, PROPOSER, "random")
 
 
-@pytest.mark.parametrize("name", ["text_observation_v0", "named_actions_v0", "multi_discrete_actions_v0"])
-def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], name: str):
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        *(wrappers.text_observation_v0, wrappers.named_actions_v0, wrappers.multi_discrete_actions_v0),
+        *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
+    ],
+)
+def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Callable[[Any], Any]):
     with pytest.raises(
         WrongEnvironment, match="uses the MDP's actions, but the game's agents have other action spaces"
     ):
-        getattr(wrappers, name)(env(**settings))
+        wrap(env(**settings))

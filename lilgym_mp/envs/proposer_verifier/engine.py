@@ -69,7 +69,6 @@ class Layer(Protocol):
     """A wrapper of the game, which changes it for every environment around the engine."""
 
     def start(self) -> None: ...  # when a game has started
-    def action(self, action: int) -> int: ...  # for the layers below, from the proposer's, in every turn
     def changed(self, turn: TurnResult) -> TurnResult: ...  # rewards and infos, also of a reset
     def observation(self, role: Role, observation: AgentObservation) -> AgentObservation: ...
 
@@ -162,8 +161,6 @@ class GameEngine:
         actions = self._actions
         for role, action in ((PROPOSER, proposer), (VERIFIER, verifier)):
             actions[role, 0] = self._wait(role) if action is None else self.game.checked_action(role, action)
-        for layer in reversed(self.layers):
-            actions[PROPOSER, 0] = layer.action(int(actions[PROPOSER, 0]))
         if self.render_mode is not None:
             self._last_actions = self._describe_actions(movers)
         games.step(actions[PROPOSER], actions[VERIFIER])
