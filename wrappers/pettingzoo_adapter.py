@@ -25,11 +25,9 @@ from lilgym_mp.wrappers.transformation import (
     WrongEnvironment,
     change_tasks,
     stacked,
-    to_python,
 )
 
 AgentObservation = dict[str, Any]
-Info = dict[str, Any]
 MakeTransformation = Callable[..., Transformation]  # called with an EnvDescription and the settings
 
 
@@ -58,7 +56,6 @@ class GameLayer:
     ) -> None:
         """Raises WrongEnvironment for array observations and for transformations that use MDP actions."""
         self._engine = base.engine
-        self._depth = len(base.engine.layers) + 1  # number of layers up to this one
         self._transformations: list[Transformation] = []  # indexed by role, like the spaces
         self.observation_spaces: list[spaces.Dict] = []
         for agent in AGENTS:
@@ -72,41 +69,25 @@ class GameLayer:
             self._transformations.append(transformation)
             self.observation_spaces.append(spaces.Dict({PARTS: transformation.observation_space(), MASK: nested[MASK]}))
         self.transformation = self._transformations[PROPOSER]
-        self._rounds = 0  # after the last turn, like the potential; used only to change rewards
-        self._potential = np.zeros(1)
 
     def start(self) -> None:
-        self._rounds = 0
-        if self.transformation.changes_rewards:
-            self._potential = self.transformation.potentials([self._engine.state.mdp])
+        self._mdp = self._engine.state.mdp  # before the next turn
 
     def changed(self, turn: TurnResult) -> TurnResult:
-        rewards, (proposer, verifier) = turn.rewards, turn.infos
-        infos = self._info(Role.PROPOSER, proposer), self._info(Role.VERIFIER, verifier)
-        if self.transformation.changes_rewards:
-            for info, reward in zip(infos, rewards, strict=True):
-                info[UNCHANGED_REWARD] = reward
-            rewards = self._changed_rewards(rewards)
-        return turn._replace(rewards=rewards, infos=infos)
-
-    def _info(self, role: Role, info: Info) -> Info:
-        if not self.transformation.adds_infos:
-            return info
-        mask = self._engine.observe(role, self._depth)[MASK]
-        added = self._transformations[role].added_infos(info, self._state(role, mask))
-        return info | {name: mask if name == MASK else to_python(value[0]) for name, value in added.items()}
-
-    def _changed_rewards(self, rewards: tuple[float, float]) -> tuple[float, float]:
-        """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
-        mdp, is_over, before = self._engine.state.mdp, not self._engine.movers, self._potential
-        if mdp.steps == self._rounds and not is_over:
-            return rewards
-        self._rounds = mdp.steps
-        self._potential = np.zeros(1) if is_over else self.transformation.potentials([mdp])
-        ones = np.ones(len(rewards))
-        changed = self.transformation.rewards(np.array(rewards, np.float64), before * ones, self._potential * ones)
-        proposer, verifier = changed.tolist()
-        return proposer, verifier
+        """Both agents' rewards are transformed if the turn changed the MDP or ended the game."""
+        if not self.transformation.changes_rewards:
+            return turn
+        infos = turn.infos
+        for info, reward in zip(infos, turn.rewards, strict=True):
+            info[UNCHANGED_REWARD] = reward
+        mdp, is_over, before = self._engine.state.mdp, not self._engine.movers, self._mdp
+        if mdp.steps == before.steps and not is_over:
+            return turn
+        self._mdp, ones = mdp, np.ones(len(turn.rewards))
+        potential = self.transformation.potentials([before]) * ones
+        after = 0 * ones if is_over else self.transformation.potentials([mdp]) * ones
+        proposer, verifier = self.transformation.rewards(np.array(turn.rewards, np.float64), potential, after).tolist()
+        return turn._replace(rewards=(proposer, verifier))
 
     def observation(self, role: Role, observation: AgentObservation) -> AgentObservation:
         transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]

@@ -109,10 +109,18 @@ class Shaping(Transformation):
             raise ValueError(f"discount must be between 0 and 1, not {discount!r}")
         self._discount = discount
         self._solver = Solver(description.dynamics, budget)
+        self._known: dict[State, float] = {}  # potentials of the latest states: those after a step, before the next one
 
     def potentials(self, states: Sequence[State]) -> Float64Array:
-        solutions = map(self._solver.solve_from, states)
-        return np.array([value(one, self.env_description.dynamics, self._discount) for one in solutions], np.float64)
+        known = self._known
+        self._known = {state: known[state] if state in known else self._potential(state) for state in states}
+        return np.array([self._known[state] for state in states], np.float64)
+
+    def _potential(self, state: State) -> float:
+        dynamics = self.env_description.dynamics
+        if state.steps == dynamics.horizon:
+            return 0.0
+        return value(self._solver.solve_from(state), dynamics, self._discount)
 
     def rewards(self, rewards: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
         return rewards + self._discount * after - before

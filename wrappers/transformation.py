@@ -188,7 +188,7 @@ class Transformation:
         return state.action_masks()
 
     def potentials(self, states: Sequence[State]) -> Float64Array:
-        """(B,) potentials of non-terminal states, for `rewards`."""
+        """(B,) potentials of states, for `rewards`."""
         return np.zeros(len(states))
 
     def rewards(self, rewards: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:

@@ -83,7 +83,6 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self._evaluation = settings.evaluation
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
-        self.restorations = 0  # calls of `restore_state`
         self._set_tasks(settings.tasks())
 
     def __reduce__(self) -> NoReturn:
@@ -371,7 +370,6 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
             self._chosen_task(snapshot.state.task)
         self._seeds = seeds
         self._add_tasks(self._everywhere(Engine.restore, snapshots))
-        self.restorations += 1
         self._is_started = True
 
     def last_states(self, env_ids: Int64Array) -> list[State]:

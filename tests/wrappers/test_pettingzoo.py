@@ -32,7 +32,7 @@ STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
     "native": [wrappers.native_image_v0, wrappers.channels_first_v0],
     "flat": [wrappers.flat_observation_v0],
-    "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
+    "mask": [wrappers.stop_forcing_v0],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
 }
@@ -140,6 +140,7 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
     "wrap",
     [
         *(wrappers.text_observation_v0, wrappers.named_actions_v0, wrappers.multi_discrete_actions_v0),
+        wrappers.action_mask_v0,
         *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
     ],
 )

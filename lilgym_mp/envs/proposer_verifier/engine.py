@@ -69,7 +69,7 @@ class Layer(Protocol):
     """A wrapper of the game, which changes it for every environment around the engine."""
 
     def start(self) -> None: ...  # when a game has started
-    def changed(self, turn: TurnResult) -> TurnResult: ...  # rewards and infos, also of a reset
+    def changed(self, turn: TurnResult) -> TurnResult: ...  # rewards and infos
     def observation(self, role: Role, observation: AgentObservation) -> AgentObservation: ...
 
 
@@ -142,11 +142,9 @@ class GameEngine:
         info = self.games.truth_info(0)
         if info:
             info = {"task": self.state.mdp.task.id, **info}
-        started = TurnResult((0.0, 0.0), False, False, (info, info.copy()))
         for layer in self.layers:
             layer.start()
-            started = layer.changed(started)
-        return started.infos
+        return info, info.copy()
 
     def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> TurnResult:
         """Plays one turn; the action of an agent out of turn is ignored, and illegal unless it is "wait" or None.
@@ -189,11 +187,11 @@ class GameEngine:
             chosen = {PROPOSER: self.game.encode_action(PROPOSER, proposal), **chosen}
         return ";  ".join(f"{AGENTS[role]}: {self.game.describe(role, action)}" for role, action in chosen.items())
 
-    def observe(self, role: Role, depth: int | None = None) -> AgentObservation:
-        """One agent's observation, new arrays, after the first `depth` layers (default: all). Raises as `state`."""
+    def observe(self, role: Role) -> AgentObservation:
+        """One agent's observation, new arrays. Raises as `state`."""
         self._check_started()
         observation = self.games.observe(role, 0)
-        for layer in self.layers[:depth]:
+        for layer in self.layers:
             observation = layer.observation(role, observation)
         return observation
 
