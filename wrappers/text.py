@@ -193,9 +193,8 @@ def item_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
 def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
     if appearance.grid is None or (cell := cell_size(appearance.grid)) == (1, 1):
         return ""
-    column = box_columns(appearance.grid)[box][0] + (item.x + item.side // 2) // cell[0]
-    row = (item.y + item.side // 2) // cell[1]
-    return f", its centre in cell ({column}, {row})"
+    column = (box * BOX_PITCH + item.x + item.side // 2) // cell[0]
+    return f", its centre in cell ({column}, {(item.y + item.side // 2) // cell[1]})"
 
 
 def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
@@ -288,7 +287,8 @@ def cell_lines(appearance: Appearance) -> Iterator[str]:
     if appearance.grid is None:
         return
     width, height = cell_size(appearance.grid)
-    places = box_columns(appearance.grid)
+    lefts = range(0, BOX_COUNT * BOX_PITCH, BOX_PITCH)
+    places = [(left // width, (left + BOX_SIDE) // width - 1) for left in lefts]  # first and last column of each box
     boxes = ", ".join(f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, places, strict=True))
     gaps = [(last + 1, first - 1) for (_, last), (first, _) in itertools.pairwise(places)]
     between = " and ".join(f"{first}-{last}" for first, last in gaps if first <= last)
@@ -302,12 +302,6 @@ def cell_lines(appearance: Appearance) -> Iterator[str]:
 def cell_size(grid: Grid) -> tuple[int, int]:
     """Width and height of a cell in pixels."""
     return IMAGE_WIDTH // grid[0], IMAGE_HEIGHT // grid[1]
-
-
-def box_columns(grid: Grid) -> list[tuple[int, int]]:
-    """The first and last column of each box."""
-    width, _ = cell_size(grid)
-    return [(box * BOX_PITCH // width, (box * BOX_PITCH + BOX_SIDE) // width - 1) for box in range(BOX_COUNT)]
 
 
 def answer_line(appearance: Appearance) -> str:
