@@ -46,8 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
-    from lilgym_mp.cli.experiment_ray import run_on_ray
-    from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, make_attempts, run_locally
+    from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, make_attempts, run_locally, run_on_ray
     from lilgym_mp.envs.machine import usable_cores
 
     check_at_least(args, 1, "jobs")

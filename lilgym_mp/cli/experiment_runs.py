@@ -1,21 +1,24 @@
-"""Executes an experiment's runs in parallel: each is a sequence of commands in subprocesses, with a log."""
+"""Executes an experiment's runs in parallel, here or on a Ray cluster: each is a sequence of commands in subprocesses,
+with a log."""
 
 from __future__ import annotations
 
 import ctypes
 import json
+import logging
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import suppress
+from contextlib import chdir, suppress
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
@@ -24,6 +27,7 @@ from lilgym_mp.learning.common.run_directory import AGENT_FILE, CHECKPOINT_FILE,
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+RAY_RETRIES = 3  # of a run whose node or Ray worker process dies
 HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps a second on Scatter
 
 
@@ -49,7 +53,6 @@ class Attempt:
         self.threads = threads
         self.status = RunStatus.WAITING
         self.done: list[list[str]] = []
-        self.seconds = 0.0
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
@@ -60,7 +63,7 @@ class Attempt:
             return
         try:
             saved = json.loads(self.marker.read_text(encoding="utf-8"))
-            self.done, self.seconds = list(saved["commands"]), float(saved["seconds"])
+            self.done = list(saved["commands"])
             trained, *_ = self.done
         except (ValueError, KeyError, TypeError) as error:
             raise CommandError(f"{self.marker}: damaged: {error!r}; delete it to execute the run again") from None
@@ -77,11 +80,9 @@ class Attempt:
         try:
             for words in self.planned.commands:
                 if words not in self.done:
-                    began = time.monotonic()
                     self._train(words) if words[0] == "train" else self._evaluate(words)
                     self.done.append(words)
-                    self.seconds = round(self.seconds + time.monotonic() - began, 1)
-                    write_json(self.marker, {"commands": self.done, "seconds": self.seconds})
+                    write_json(self.marker, {"commands": self.done})
         except _Failed as error:
             self.error = str(error)
             self.status = RunStatus.INTERRUPTED if self._stopped.is_set() else RunStatus.FAILED
@@ -198,3 +199,46 @@ def run_locally(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], ob
             wait(pending)
             on_poll()
             raise
+
+
+def run_on_ray(
+    attempts: Sequence[Attempt], address: str, threads: int, on_poll: Callable[[], object], poll_seconds: float
+) -> None:
+    """Executes the unfinished attempts, as many in parallel as the cluster has CPUs for.
+
+    All nodes must share the current directory, in which they write the results; a retried or resumed run goes on from
+    its last checkpoint. Raises CommandError if the cluster cannot be reached.
+    """
+    ray: Any = import_module("ray")
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise CommandError(f"--ray {address}: cannot connect to a cluster: {_first_line(error)}") from None
+    try:
+        task = ray.remote(run_on_node).options(num_cpus=threads, max_retries=RAY_RETRIES)
+        unfinished = [attempt for attempt in attempts if attempt.status is not RunStatus.FINISHED]
+        pending = {task.remote(Path.cwd(), each.planned, each.results, threads): each for each in unfinished}
+        while pending:
+            ready, _ = ray.wait(list(pending), timeout=poll_seconds)
+            for ref in ready:
+                attempt = pending.pop(ref)
+                try:
+                    attempt.status, attempt.error = ray.get(ref)
+                except (ray.exceptions.RayError, OSError) as error:
+                    attempt.status, attempt.error = RunStatus.FAILED, _first_line(error)
+            on_poll()
+    finally:
+        ray.shutdown()
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0]
+
+
+def run_on_node(directory: Path, planned: PlannedRun, results: Path, threads: int) -> tuple[RunStatus, str]:
+    """Executes a run in the shared directory; its status and error."""
+    with chdir(directory):
+        attempt = Attempt(planned, results, threads)
+        attempt.load()
+        attempt.execute()
+        return attempt.status, attempt.error

@@ -19,8 +19,7 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
-from lilgym_mp.cli.experiment_ray import run_on_ray
-from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
+from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally, run_on_ray
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation.episodes import read_header
 from lilgym_mp.evaluation.files import SUFFIX
@@ -308,7 +307,7 @@ class Terminal(io.StringIO):
 
 def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
     (tmp_path / "finished").mkdir()
-    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]], "seconds": 1}))
+    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]]}))
     with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
     (tmp_path / "finished" / "a.json").write_text("{}")
@@ -318,7 +317,7 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
 
 def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
     make_attempts([], tmp_path, 1)  # makes the directories
-    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]], "seconds": 1}))
+    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]]}))
     plan = [PlannedRun("a", ("mine",), (("fine",),)), PlannedRun("a", ("mine",), (("fine", "test"),))]
     before, after = (attempt for one in plan for attempt in make_attempts([one], tmp_path, 1))
     assert (before.status, after.status) == (RunStatus.FINISHED, RunStatus.WAITING)
