@@ -37,8 +37,8 @@ TARGET_TOKEN = "<TARGET>"
 CONFIG = "config.json"
 
 
-def checked_config(path: Path | None, model: str) -> dict[str, Any]:
-    """The directory's config.json, of the model's architecture. Raises WeightsError naming what is wrong."""
+def checked_directory(path: Path | None, model: str) -> Path:
+    """The directory, if its config.json is of the model's architecture. Raises WeightsError naming what is wrong."""
     architecture = ARCHITECTURES[model]
     if path is None:
         raise WeightsError(
@@ -48,12 +48,12 @@ def checked_config(path: Path | None, model: str) -> dict[str, Any]:
     if not path.is_dir():
         raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
     try:
-        found = (config := json.loads((path / CONFIG).read_text(encoding="utf-8"))).get("model_type")
+        found = json.loads((path / CONFIG).read_text(encoding="utf-8")).get("model_type")
     except (OSError, ValueError, RecursionError, AttributeError) as error:
         raise WeightsError(f"{path / CONFIG}: cannot be read: {error}") from None
     if found != architecture:
         raise WeightsError(f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {architecture}")
-    return config
+    return path
 
 
 def model_maker(
@@ -63,9 +63,7 @@ def model_maker(
 
     Raises WeightsError.
     """
-    path = Path(details["weights"]) if details is not None else weights
-    config = checked_config(path, model)
-    assert path is not None
+    path = checked_directory(Path(details["weights"]) if details is not None else weights, model)
     try:
         from transformers.utils import logging  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -73,9 +71,8 @@ def model_maker(
     logging.set_verbosity_error()  # no warnings about unused tensors; missing ones raise an error here
     logging.disable_progress_bar()
     if model in FINE_TUNED:
-        own = None if details is None else config  # the tensors of a model file replace the pretrained ones
         return lambda has_actor, has_critic: JointModel(
-            Transformer(path, model, own), appearance, has_actor=has_actor, has_critic=has_critic
+            Transformer(path, model), appearance, has_actor=has_actor, has_critic=has_critic
         )
     encoder = FrozenBert(path)
     if details is not None and details["weights_sha256"] != encoder.digest:
@@ -172,18 +169,6 @@ class FrozenBert:
         self.width = int(self._network.config.hidden_size)
         self.parameter_count = sum(parameter.numel() for parameter in self._network.parameters())
         self._cache: dict[str, Tensor] = {}
-        self._latest: tuple[States, tuple[Tensor, ...]] | None = None
-
-    def inputs(self, states: States, device: torch.device) -> tuple[Tensor, ...]:
-        """(V, 3, 50, 190) images and (N,) indices as of `_pixels`, (N, width) vectors and (N,) targets of N states.
-
-        The latest are kept, since actor and critic read the same.
-        """
-        if self._latest is None or self._latest[0] is not states:
-            vectors = self.vectors(states.statements, device)
-            statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
-            self._latest = states, (*_pixels(states, device), vectors[statement_of], targets)
-        return self._latest[1]
 
     def vectors(self, statements: Sequence[str], device: torch.device) -> Tensor:
         """(S, width)."""
@@ -265,7 +250,10 @@ class ConvolutionsAndBert(PretrainedModel):
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
     def features(self, states: States) -> Tensor:
-        images, image_of, vectors, targets = self._encoder.inputs(states, self.target.weight.device)
+        device = self.target.weight.device
+        images, image_of = _pixels(states, device)
+        statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
+        vectors = self._encoder.vectors(states.statements, device)[statement_of]
         return torch.cat((self.image(self.convolutions(images))[image_of], vectors, self.target(targets)), 1)
 
     def acting(self, features: Tensor) -> Tensor:
@@ -294,17 +282,14 @@ class Transformer(nn.Module):
     its vector is the multimodal encoder's first.
     """
 
-    def __init__(self, path: Path, model: str, config: Mapping[str, Any] | None) -> None:
-        """`model`: "vilt" or "flava"; with `config`, it is not pretrained."""
+    def __init__(self, path: Path, model: str) -> None:
+        """`model`: "vilt" or "flava"."""
         import transformers  # pyright: ignore[reportMissingImports]
 
         super().__init__()
         self.path, self.is_vilt = path, model == "vilt"
         network_class: Any = getattr(transformers, f"{model.capitalize()}Model")
-        if config is None:
-            self.network = _pretrained_network(network_class.from_pretrained, path)
-        else:
-            self.network = network_class(network_class.config_class(**config))
+        self.network = _pretrained_network(network_class.from_pretrained, path)
         self.tokenizer = _tokenizer(path)
         self.tokenizer.add_special_tokens({"additional_special_tokens": [TARGET_TOKEN]})
         embedding, words = self.network if self.is_vilt else self.network.text_model, len(self.tokenizer)
