@@ -25,10 +25,7 @@ attempt(async () => {
   root.replaceChildren(
     element("div", { class: "scenes" }, ...details.scenes.map(sceneCard)),
     element("h2", {}, "Program"),
-    facts({
-      Program: element("code", {}, details.program),
-      Phenomena: details.phenomena.join(", ") || "none found",
-    }),
+    element("p", {}, element("code", {}, details.program)),
     element("p", {}, element("a", { href: `/watch?${queryOf({ text: details.statement })}` }, "Watch recorded episodes with this statement")),
   );
 }, root);

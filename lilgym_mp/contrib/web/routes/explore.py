@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from functools import lru_cache
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
 
-from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import render_page
@@ -24,7 +22,6 @@ api = APIRouter(prefix="/api/explore", tags=["explore"])
 PAGE_SIZE = 30  # statements
 STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
 MAX_SCENES = 12  # per statement
-TextQuery = Annotated[str, Query(max_length=200)]
 
 
 @router.get("/explore", include_in_schema=False)
@@ -33,26 +30,21 @@ def explore_page(
     services: Services,
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
-    text: TextQuery = "",
-    phenomenon: TextQuery = "",
+    text: Annotated[str, Query(max_length=200)] = "",
     first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
 ) -> Response:
-    """Statements that contain the text (in statement or program, or as the whole id) and have the rest."""
-    every, needle = list_statements(services, appearance, split), text.lower()
-    kinds = Counter(kind for statement in every for kind in statement.phenomena)
-    phenomenon = phenomenon if phenomenon in kinds else ""  # of another appearance
+    """Statements that contain the text (in statement or program, or as the whole id)."""
+    needle = text.lower()
     found = [
         statement
-        for statement in every
+        for statement in list_statements(services, appearance, split)
         if needle in f"{statement.statement}\n{statement.program}".lower() or needle == statement.id.lower()
-        if not phenomenon or phenomenon in statement.phenomena
     ]
     return render_page(
         request,
         "explore.html",
         appearances=list(APPEARANCES),
-        query={"appearance": appearance, "split": split, "text": text, "phenomenon": phenomenon},
-        phenomena={name: f"{name} ({count})" for name, count in sorted(kinds.items())},
+        query={"appearance": appearance, "split": split, "text": text},
         found=found[first : first + PAGE_SIZE],
         total=len(found),
         first=first,
@@ -71,7 +63,6 @@ class CorpusStatement:
         self.program = task.program
         self.tasks: list[tuple[str, Task]] = []  # (start, task)
         self.length = len(words(task.statement))
-        self.phenomena = sorted(phenomena(task.program))
 
 
 def find_statement(
@@ -96,7 +87,7 @@ def statement_page(request: Request, found: FoundStatement) -> Response:
 def statement(found: FoundStatement, services: Services) -> JSON:
     """A statement with its program, scenes and solutions."""
     return {
-        **pick(found, "id", "statement", "program", "phenomena"),
+        **pick(found, "id", "statement", "program"),
         "scenes": [
             _scene(services, configuration_name(found.appearance, start), task)
             for start, task in found.tasks[:MAX_SCENES]
