@@ -38,25 +38,6 @@ ACCURACIES: Mapping[str, Mapping[tuple[str, str], MeanStd]] = {
     for model, *cells in (line.split("|") for line in _ACCURACIES.strip().splitlines())
 }
 
-# Number of dev start scenes with target True and False.
-START_SCENES_BY_TARGET: Mapping[str, tuple[int, int]] = {"TowerFlipIt": (295, 381), "ScatterFlipIt": (149, 164)}
-
-# Number of dev start scenes of statements with a phenomenon, tagged by hand, in each of PLAYED.
-START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
-    "exact cardinality": (98, 480, 35, 119),
-    "soft cardinality": (21, 82, 11, 42),
-    "existence": (122, 577, 55, 192),
-    "universal": (7, 28, 9, 36),
-    "coordination": (19, 86, 15, 55),
-    "coreference": (3, 10, 3, 9),
-    "spatial relation": (94, 438, 39, 128),
-    "comparison": (5, 20, 1, 4),
-    "presupposition": (17, 74, 22, 78),
-    "negation": (4, 15, 14, 52),
-    "syntax: coordination": (4, 14, 5, 20),
-    "syntax: prepositional attachment": (44, 215, 3, 8),
-}
-
 # Section D.2: of 50 errors by model and configuration, the invalid actions and the shares of these by reason
 # (separator, empty, does not fit, on top), and the wrong STOPs and the shares of these by kind (direct, early,
 # erroneous). In per cent; None: not reported.

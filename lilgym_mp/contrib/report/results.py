@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, product
 
 from lilgym_mp.contrib.report import paper
@@ -143,18 +143,15 @@ def _by_category(
     names: Sequence[str],
     category: Category,
     note: str = "",
-    *,
     configurations: Sequence[str] | None = None,
-    published: Mapping[str, Sequence[int]] | None = None,
 ) -> Iterator[Item]:
     """A chart and a table of the accuracy by category of the episode; nothing if no episode has one.
 
-    `configurations`: by default all; `published`: the paper's start scenes by configuration, in the order of `names`.
+    `configurations`: by default all.
     """
     panels: list[BarPanel] = []
     rows: list[list[Cell]] = []
     for configuration in configurations or data.configurations:
-        counts = dict(zip(names, (published or {}).get(configuration, ()), strict=False))
         entries = data.of(configuration)
         by_name: dict[str, list[MeanStd | None]] = {}  # one for each entry
         for name in names:
@@ -166,8 +163,7 @@ def _by_category(
             if any(accuracies):
                 by_name[name] = accuracies
                 for entry, accuracy in zip(entries, accuracies, strict=True):
-                    scenes = entry.start_scenes(belongs), counts.get(name)
-                    rows.append([entry.agent, configuration, name, *scenes, accuracy])
+                    rows.append([entry.agent, configuration, name, entry.start_scenes(belongs), accuracy])
         by_entry = zip(entries, zip(*by_name.values(), strict=True), strict=False)
         values = {entry.agent: accuracies for entry, accuracies in by_entry if any(accuracies)}
         if values:
@@ -176,9 +172,8 @@ def _by_category(
         yield Chart(
             item, title, bar_chart(panels, "accuracy, %", data.looks, top=109), note=f"{note} {ERROR_BARS}".strip()
         )
-        columns = ("agent", "configuration", "episodes", "start scenes", "start scenes †", "accuracy (%)")
-        source = f"† dev split of the paper ({paper.SOURCE}). " if published else ""
-        yield table(item, f"{title}, numbers", columns, rows, f"{note} {source}{INTERVAL_NOTE}".strip())
+        columns = ("agent", "configuration", "episodes", "start scenes", "accuracy (%)")
+        yield table(item, f"{title}, numbers", columns, rows, f"{note} {INTERVAL_NOTE}".strip())
 
 
 def by_target(data: ReportData) -> Iterator[Item]:
@@ -192,8 +187,7 @@ def by_target(data: ReportData) -> Iterator[Item]:
     def target(episode: Episode) -> str:
         return TARGETS[0] if episode.target else TARGETS[1]
 
-    options = {"configurations": configurations, "published": paper.START_SCENES_BY_TARGET}
-    yield from _by_category(data, "Figure 5", title, TARGETS, target, **options)
+    yield from _by_category(data, "Figure 5", title, TARGETS, target, configurations=configurations)
 
 
 def by_phenomenon(data: ReportData) -> Iterator[Item]:
@@ -201,7 +195,6 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
     note = (
         "Tags are derived by rules from the program, or from the words of the statement for the two rows of syntax; a"
         " statement may have several."
-        f" † start scenes of the dev statements that the paper's authors tagged by hand ({paper.SOURCE})."
     )
     for configuration in data.configurations:
         entries = data.of(configuration)
@@ -211,12 +204,11 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
             def shows(episode: Episode, name: str = name) -> bool:
                 return name in phenomena(episode.program) or name in syntactic_phenomena(episode.statement)
 
-            counts: dict[str, int] = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True))
             statements = {episode.statement for episode in entries[0].runs[0].episodes if shows(episode)}
-            scenes = len(statements), entries[0].start_scenes(shows), counts.get(configuration)
+            scenes = len(statements), entries[0].start_scenes(shows)
             rows.append([name, *scenes, *(accuracy_where(entry.runs, shows) for entry in entries)])
         title = f"Accuracy (%) by phenomenon, {configuration} {data.main_split}, rule-made tags"
-        columns = ("phenomenon", "statements", "start scenes", "start scenes †", *(entry.agent for entry in entries))
+        columns = ("phenomenon", "statements", "start scenes", *(entry.agent for entry in entries))
         yield table("Table 3, Table 5 and Table 6", title, columns, rows, note)
 
 
