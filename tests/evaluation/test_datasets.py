@@ -148,7 +148,7 @@ def test_recordings__become_a_data_set(recordings: Path, tmp_path: Path, capsys:
 def test_played_episodes__become_a_data_set(tmp_path: Path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
-    fields = {"corpus": "builtin", "split": "dev", "strict": False, "player": "Ada", "task_id": task.id}
+    fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "task_id": task.id}
     with database.Database(tmp_path / "web.sqlite3").write() as connection:
         for actions, outcome in (([3, 0], "success"), ([3], None)):  # 3 adds a blue block
             played = {"id": str(outcome), "configuration": "TowerScratch", "actions": actions, "outcome": outcome}

@@ -74,13 +74,6 @@ def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser:
     assert browser.get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
-def test_illegal_action__ends_a_strict_episode(browser: Browser):
-    episode = begin(browser, strict=True)
-    episode = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)").json()
-    assert (episode["outcome"], episode["reward"]) == ("invalid_action", -1.0)
-    assert episode["end"]["invalid_reason"] == "items cannot lie between the boxes"
-
-
 @pytest.mark.parametrize(
     ("action", "status"),
     [("JUMP", 422), ("ADD(LEFT, BLUE)", 422), ("ADD(99, 0, CIRCLE, BLUE, SMALL)", 422), ("", 422), ("x" * 300, 422)],
@@ -125,13 +118,13 @@ def test_episode__survives_a_restart(tmp_path: Path):
 
 def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp_path: Path, app: Any):
     browser = Browser(app)
-    shown, unaided = begin(browser, player="7"), begin(browser, player="7", strict=True)
+    shown, unaided = begin(browser, player="7"), begin(browser, player="7")
     browser.post(f"{EPISODES}/{shown['id']}/solution")
     act(browser, unaided, "STOP")
     browser.post(f"{EPISODES}/{unaided['id']}/solution")
     with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as database:
-        rows = database.execute("SELECT id, player, strict, shown_solution, outcome FROM played_episodes").fetchall()
-    assert sorted(rows) == sorted([(shown["id"], "7", 0, 1, None), (unaided["id"], "7", 1, 0, "wrong_stop")])
+        rows = database.execute("SELECT id, player, shown_solution, outcome FROM played_episodes").fetchall()
+    assert sorted(rows) == sorted([(shown["id"], "7", 1, None), (unaided["id"], "7", 0, "wrong_stop")])
 
 
 def test_drawn_tasks__are_not_mistyped():

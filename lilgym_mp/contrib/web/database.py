@@ -33,7 +33,6 @@ class PlayedEpisode:
     corpus: str
     configuration: str
     split: str
-    strict: bool  # an illegal action ends the episode
     task_id: str
     rules: str = "paper"
     actions: list[int] = field(default_factory=list)  # action indices of the appearance
@@ -104,8 +103,8 @@ def find_episode(connection: sqlite3.Connection, episode_id: str) -> PlayedEpiso
     found = connection.execute(query, (episode_id,)).fetchone()
     if found is None:
         return None
-    flags = {name: bool(found[name]) for name in ("strict", "shown_solution")}
-    return PlayedEpisode(**{**dict(found), **flags, "actions": json.loads(found["actions"])})
+    typed = {"shown_solution": bool(found["shown_solution"]), "actions": json.loads(found["actions"])}
+    return PlayedEpisode(**{**dict(found), **typed})
 
 
 def save_row(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:

@@ -4,7 +4,7 @@
 const setup = byId("setup");
 const board = new Board(act, legal);
 const expertView = new StepView(byId("expert-scene"), "A scene of the expert's solution");
-const OUTCOMES = { wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
+const OUTCOMES = { wrong_stop: "Wrong STOP", horizon: "Out of actions" };
 const asked = new URLSearchParams(location.search);
 let episode = null;
 let shown = null; // id of the episode whose cells the board has
@@ -33,7 +33,6 @@ async function begin(taskId, focuses = true) {
     const created = await request("POST", "/api/play/episodes", {
       configuration: setup.configuration.value,
       split: setup.split.value,
-      strict: asked.has("strict"),
       player: asked.get("player") || "",
       task_id: taskId,
     });
@@ -78,11 +77,11 @@ async function act(action) {
 
 async function showEnd() {
   const ended = episode;
-  const { rule, invalid_reason: invalid, truth, parts } = ended.end;
+  const { rule, truth, parts } = ended.end;
   const solved = ended.outcome === "success";
   byId("end-title").textContent = solved ? `Solved in ${plural(ended.actions.length, "action")}` : OUTCOMES[ended.outcome];
   byId("end-title").className = solved ? "good" : "bad";
-  byId("rule").textContent = rule + (invalid ? ` Reason: ${invalid}.` : "");
+  byId("rule").textContent = rule;
   byId("verdict").textContent =
     `In the last scene the statement is ${truth}; the target was ${ended.target}. Reward: ${ended.reward.toFixed(1)}.`;
   byId("parts").replaceChildren(partsList(parts, board.view));

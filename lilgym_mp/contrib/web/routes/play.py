@@ -30,7 +30,7 @@ from lilgym_mp.contrib.web.bodies import (
 from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
 from lilgym_mp.contrib.web.responses import refusing, render_page
 from lilgym_mp.corpus.matching import well_spelt_ids
-from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import describe, named
 from lilgym_mp.scene.appearances import InvalidReason
@@ -49,7 +49,6 @@ INVALID_EXPLANATIONS = {
 OUTCOME_EXPLANATIONS = {
     Outcome.SUCCESS: "You stopped when the statement had the target truth value.",
     Outcome.WRONG_STOP: "You stopped, but the statement does not have the target truth value.",
-    Outcome.INVALID_ACTION: "You took an illegal action, which ends the episode.",
     Outcome.HORIZON: "You used the last action allowed, and it was not STOP.",
 }
 
@@ -61,7 +60,6 @@ class NewEpisode(BaseModel):
     split: SplitName = "dev"
     task_id: Name | None = None
     player: Name = Field("", description="stored with the episode")
-    strict: bool = Field(False, description="whether an illegal action ends the episode, as it does for agents")
 
 
 class ActionTaken(BaseModel):
@@ -79,7 +77,6 @@ class LoadedEpisode:
     task: Task
     dynamics: Dynamics
     state: State
-    last: Transition | None  # None before the first action
 
     @property
     def over(self) -> bool:
@@ -105,11 +102,10 @@ def find_loaded(connection: sqlite3.Connection, services: Services, episode_id: 
         raise HTTPException(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
     task = _find_task(services, row.configuration, row.split, row.task_id)
     dynamics = services.dynamics(row.configuration)
-    state, last = dynamics.start(task), None
+    state = dynamics.start(task)
     for index in row.actions:
-        last = dynamics.step(state, dynamics.appearance.decode(index))
-        state = last.state
-    return LoadedEpisode(row, task, dynamics, state, last)
+        state = dynamics.step(state, dynamics.appearance.decode(index)).state
+    return LoadedEpisode(row, task, dynamics, state)
 
 
 def load_episode(services: Services, episode_id: RandomId) -> LoadedEpisode:
@@ -137,7 +133,7 @@ def begin(new: NewEpisode, services: Services) -> JSON:
     row = PlayedEpisode(id=secrets.token_urlsafe(16), **fields)
     with services.database.write() as connection:
         save_episode(connection, row)
-    return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
+    return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task)))
 
 
 @api.get("/episodes/{episode_id}")
@@ -148,7 +144,7 @@ def episode(loaded: Loaded) -> JSON:
 
 @api.post("/episodes/{episode_id}/actions")
 def act(episode_id: RandomId, taken: ActionTaken, services: Services) -> JSON:
-    """Takes an action; an illegal one is refused unless the episode is strict."""
+    """Takes an action; an illegal one is refused."""
     with services.database.write() as connection:
         loaded = find_loaded(connection, services, episode_id)
         row, dynamics = loaded.row, loaded.dynamics
@@ -159,14 +155,14 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services) -> JSON:
         action = named(taken.action)
         index = dynamics.appearance.encode(action)
         transition = dynamics.step(loaded.state, action)
-        if transition.invalid is not None and not row.strict:
+        if transition.invalid is not None:
             raise HTTPException(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
         row.actions = [*row.actions, index]
         row.reward += transition.reward
         if transition.result.ends:
             row.outcome = str(transition.outcome)
         save_episode(connection, row)
-    return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state, transition))
+    return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state))
 
 
 @api.get("/episodes/{episode_id}/legal")
@@ -197,7 +193,7 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
     """An episode as its player sees it. The program stays hidden until the end."""
     row, appearance = loaded.row, loaded.dynamics.appearance
     return {
-        **pick(row, "id", "configuration", "split", "strict", "task_id", "outcome", "shown_solution"),
+        **pick(row, "id", "configuration", "split", "task_id", "outcome", "shown_solution"),
         **pick(loaded.task, "statement", "target"),
         "steps": loaded.state.steps,
         "actions_left": loaded.dynamics.horizon - loaded.state.steps,
@@ -213,10 +209,9 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
 
 def _end_body(loaded: LoadedEpisode) -> JSON:
     """The rule that ended the episode, with the value of each part of the program."""
-    task, scene, invalid = loaded.task, loaded.state.scene, loaded.last and loaded.last.invalid
+    task, scene = loaded.task, loaded.state.scene
     return {
         "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
-        "invalid_reason": invalid and INVALID_EXPLANATIONS[invalid],
         "program": task.program,
         "truth": task.truth(scene),
         "parts": parts_body(task.program, scene),
