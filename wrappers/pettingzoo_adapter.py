@@ -1,5 +1,5 @@
-"""Applies a transformation to the proposer-verifier game, as a layer of its engine: to the observations and rewards of
-both agents, and to the proposer's masks.
+"""Applies a transformation to the proposer-verifier game, as a layer of its engine: to the observations of both agents,
+and to the proposer's masks.
 
 Imported by `factory` only for PettingZoo environments, so that pettingzoo stays optional.
 """
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.observation import row_of
-from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
 from lilgym_mp.scene.arrays import Int8Array
@@ -66,30 +65,13 @@ class GameLayer:
             transformation = transformation_class(description, **settings)
             if transformation.uses_mdp_actions or transformation.changes_actions:
                 raise WrongEnvironment(f"{name} uses the MDP's actions, but the game's agents have other action spaces")
+            if transformation.changes_rewards:
+                raise WrongEnvironment(f"{name} changes the MDP's rewards; the game's own are a setting, rewards=...")
             self._transformations.append(transformation)
             self.observation_spaces.append(spaces.Dict({PARTS: transformation.observation_space(), MASK: nested[MASK]}))
         self.transformation = self._transformations[PROPOSER]
 
-    def start(self) -> None:
-        self._mdp = self._engine.state.mdp  # before the next turn
-
-    def changed(self, turn: TurnResult) -> TurnResult:
-        """Both agents' rewards are transformed if the turn changed the MDP or ended the game."""
-        if not self.transformation.changes_rewards:
-            return turn
-        infos = turn.infos
-        for info, reward in zip(infos, turn.rewards, strict=True):
-            info[UNCHANGED_REWARD] = reward
-        mdp, is_over, before = self._engine.state.mdp, not self._engine.movers, self._mdp
-        if mdp.steps == before.steps and not is_over:
-            return turn
-        self._mdp, ones = mdp, np.ones(len(turn.rewards))
-        potential = self.transformation.potentials([before]) * ones
-        after = 0 * ones if is_over else self.transformation.potentials([mdp]) * ones
-        proposer, verifier = self.transformation.rewards(np.array(turn.rewards, np.float64), potential, after).tolist()
-        return turn._replace(rewards=(proposer, verifier))
-
-    def observation(self, role: Role, observation: AgentObservation) -> AgentObservation:
+    def __call__(self, role: Role, observation: AgentObservation) -> AgentObservation:
         transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
         state = self._state(role, mask)
         if transformation.changes_observations:

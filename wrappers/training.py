@@ -132,8 +132,7 @@ class PotentialShaping(EnvWrapper[Shaping]):
     The potential of a state is the return of the expert's solution from it, and 0 after the end of the episode. This
     preserves optimal policies. With discount 1 and shortest solutions by the expert, an optimal action gets reward 0,
     any other minus the return it loses. Each episode's return is reduced by the potential of its start. Infos keep the
-    environment's reward as "unshaped_reward". In the proposer-verifier game both agents' rewards are shaped, whenever a
-    turn changes the MDP or ends it.
+    environment's reward as "unshaped_reward". Not for the proposer-verifier game.
 
     The expert solves every state visited: about 0.1 ms in Tower, 1 ms in Scatter, sometimes much more. `budget`: scenes
     it may examine per state, None for its default; a state that it cannot solve counts as lost.

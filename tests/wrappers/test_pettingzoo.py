@@ -105,15 +105,6 @@ def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[s
     assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
-def test_potential_shaping__shapes_no_reward_before_both_agents_have_acted(settings: dict[str, Any]):
-    game = wrappers.potential_shaping_v0(env(**(settings | {"protocol": "joint"})))
-    game.reset(seed=0, options={"task": "blue"})
-    game.step(ADD_LEFT_BLUE)
-    assert game.rewards == {PROPOSER: 0.0, VERIFIER: 0.0}
-    game.step(0)
-    assert game.rewards[PROPOSER] > -0.1  # the step's cost, and the way to the goal that it has shortened
-
-
 def test_task_change__applies_to_the_game(settings: dict[str, Any]):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
@@ -149,3 +140,8 @@ def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Ca
         WrongEnvironment, match="uses the MDP's actions, but the game's agents have other action spaces"
     ):
         wrap(env(**settings))
+
+
+def test_wrapper_of_rewards__is_refused(settings: dict[str, Any]):
+    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards; the game's own are a setting"):
+        wrappers.potential_shaping_v0(env(**settings))

@@ -103,38 +103,3 @@ def test_partial_resets__leave_potentials_of_other_environments_alone() -> None:
     for _ in range(40):
         actions = generator.integers(13, size=N)
         assert np.allclose(outer.step(actions)[1], plain.step(actions)[1])
-
-
-@pytest.mark.parametrize("kind", ["aec", "parallel"])
-def test_shaping__of_games_that_a_wrapper_resets(kind: str) -> None:
-    """Each game's shaped return is its own return less the potential of its start."""
-    pytest.importorskip("pettingzoo")
-    from pettingzoo.utils.wrappers import MultiEpisodeEnv, MultiEpisodeParallelEnv
-
-    from lilgym_mp.envs import proposer_verifier
-
-    make, wrap = {
-        "aec": (proposer_verifier.env, MultiEpisodeEnv),
-        "parallel": (proposer_verifier.parallel_env, MultiEpisodeParallelEnv),
-    }[kind]
-    totals = []
-    for stack in (
-        lambda: wrap(potential_shaping_v0(make()), num_episodes=4),
-        lambda: potential_shaping_v0(wrap(make(), num_episodes=4)),
-    ):
-        env: Any = stack()
-        env.reset(seed=3)
-        generator = np.random.default_rng(0)
-        rewards: list[Any] = []
-        while env.agents and len(rewards) < 200:
-            if kind == "parallel":
-                actions = {agent: int(generator.integers(env.action_space(agent).n)) for agent in env.agents}
-                rewards.append(sorted(env.step(actions)[1].items()))
-            else:
-                _, reward, terminated, truncated, _ = env.last()
-                rewards.append((env.agent_selection, reward))
-                count = env.action_space(env.agent_selection).n
-                env.step(None if terminated or truncated else int(generator.integers(count)))
-        totals.append(rewards)
-    assert len(totals[0]) > 8
-    assert totals[0] == totals[1]

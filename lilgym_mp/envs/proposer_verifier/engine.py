@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol, SupportsIndex, cast
+from typing import Any, NamedTuple, SupportsIndex, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -34,6 +34,7 @@ ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
 RESET_OPTIONS = ("task", "intent")
+Layer = Callable[[Role, AgentObservation], AgentObservation]  # a wrapper of every environment around an engine
 API_TEST_OPTIONS = {"options": 1}  # which PettingZoo's API tests give
 
 
@@ -65,14 +66,6 @@ class TurnResult(NamedTuple):
     infos: tuple[Info, Info]
 
 
-class Layer(Protocol):
-    """A wrapper of the game, which changes it for every environment around the engine."""
-
-    def start(self) -> None: ...  # when a game has started
-    def changed(self, turn: TurnResult) -> TurnResult: ...  # rewards and infos
-    def observation(self, role: Role, observation: AgentObservation) -> AgentObservation: ...
-
-
 class GameEngine:
     """One game: a batch of one, with a random generator, rendering and wrappers."""
 
@@ -84,7 +77,7 @@ class GameEngine:
         self._renderer = Renderer(render_mode)
         self.render_mode = self._renderer.mode
         self._actions = np.zeros((len(Role), 1), np.int64)  # indexed by role, of the last turn
-        self.layers: list[Layer] = []  # the wrappers, innermost first
+        self.layers: list[Layer] = []  # the observations' wrappers, innermost first
         self._is_started = self._is_closed = False
         self._last_actions = ""  # as text, for the caption
 
@@ -142,8 +135,6 @@ class GameEngine:
         info = self.games.truth_info(0)
         if info:
             info = {"task": self.state.mdp.task.id, **info}
-        for layer in self.layers:
-            layer.start()
         return info, info.copy()
 
     def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> TurnResult:
@@ -165,12 +156,9 @@ class GameEngine:
         proposer_reward, verifier_reward = games.rewards[:, 0].tolist()
         if self.render_mode == "human":
             self.render()
-        turn = TurnResult(
+        return TurnResult(
             (proposer_reward, verifier_reward), bool(games.terminated[0]), bool(games.truncated[0]), games.infos(0)
         )
-        for layer in self.layers:
-            turn = layer.changed(turn)
-        return turn
 
     def _wait(self, role: Role) -> int:
         """The action "wait". Raises TurnError for an agent that is to move."""
@@ -192,7 +180,7 @@ class GameEngine:
         self._check_started()
         observation = self.games.observe(role, 0)
         for layer in self.layers:
-            observation = layer.observation(role, observation)
+            observation = layer(role, observation)
         return observation
 
     def observe_both(self) -> dict[str, AgentObservation]:
