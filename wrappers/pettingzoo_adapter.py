@@ -14,9 +14,8 @@ from gymnasium import spaces
 
 from lilgym_mp.envs.observation import row_of
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
-from lilgym_mp.scene.arrays import Int8Array
 from lilgym_mp.wrappers.transformation import (
     EnvDescription,
     EnvState,
@@ -26,7 +25,6 @@ from lilgym_mp.wrappers.transformation import (
     stacked,
 )
 
-AgentObservation = dict[str, Any]
 MakeTransformation = Callable[..., Transformation]  # called with an EnvDescription and the settings
 
 
@@ -73,7 +71,8 @@ class GameLayer:
 
     def __call__(self, role: Role, observation: AgentObservation) -> AgentObservation:
         transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
-        state = self._state(role, mask)
+        legal = mask[None].astype(np.bool_)
+        state = EnvState(transformation.env_description, (self._engine.state.mdp,), legal)
         if transformation.changes_observations:
             batch = transformation.observations(stacked([parts]), state)
             parts = row_of(batch, 0)  # scalars stay NumPy's, as PettingZoo's tests demand
@@ -81,8 +80,3 @@ class GameLayer:
             narrowed = mask * transformation.action_masks(state)[0]
             mask = narrowed if narrowed.any() else mask
         return {PARTS: parts, MASK: mask}
-
-    def _state(self, role: Role, mask: Int8Array) -> EnvState:
-        """`mask`: the agent's legal actions."""
-        description = self._transformations[role].env_description
-        return EnvState(description, (self._engine.state.mdp,), mask[None].astype(np.bool_))
