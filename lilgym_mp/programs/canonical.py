@@ -126,8 +126,6 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
         return _as_python_operator(name, arguments, scope) or node
     if name in _COMPARISONS and _all_have_type(arguments, INT, scope):
         return syntax.Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
-    if name in ("equal", "equal_color", "equal_shape", "equal_size"):
-        return _simplify_equality(node, arguments, scope)
     if (
         name in _FILTERS
         and isinstance(arguments[1], syntax.Constant)
@@ -176,17 +174,6 @@ def _as_python_operator(name: str, arguments: Sequence[syntax.Node | None], scop
     if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
         return None
     return syntax.Not(operands[0]) if name == "NOT" else syntax.Logic(_CONNECTIVES[name], operands)
-
-
-def _simplify_equality(node: syntax.Call, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node:
-    left, right = map(_required, arguments)
-    types = {type_of(left, scope), type_of(right, scope)}
-    comparable = {"equal": {INT, "Color", "Shape", "Size"}}.get(node.word.name, {node.word.name[6:].capitalize()})
-    if len(types) == 1 and types <= comparable and (types == {INT} or isinstance(right, syntax.Constant)):
-        return syntax.Comparison(left, ("==",), (right,))
-    if isinstance(left, syntax.Constant) and not isinstance(right, syntax.Constant):
-        return syntax.Call(node.word, (right, left))
-    return syntax.Call(node.word, tuple(arguments))
 
 
 def _filter_by_attribute(collection: syntax.Node, value: object, scope: Scope) -> syntax.Node:

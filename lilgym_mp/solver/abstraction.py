@@ -8,6 +8,7 @@ scenes therefore finds how few edits can suffice and which; `refinement` turns t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -83,8 +84,8 @@ class Abstraction:
         self.features = features
         self.classes = ItemClasses(features)
         self.order_matters = features.order_matters
-        self._representatives: dict[AbstractBox, Box] = {}
-        self._layers: dict[AbstractBox, Layers[AbstractEdit]] = {}
+        self.representative = cache(self._representative)
+        self._layers = cache(self._layers_of)
 
     def abstract(self, box: Box) -> AbstractBox:
         return self.from_classes([self.classes.of(item) for item in box.items])
@@ -92,21 +93,16 @@ class Abstraction:
     def from_classes(self, item_classes: Sequence[int]) -> AbstractBox:
         return tuple(item_classes if self.order_matters else sorted(item_classes))
 
-    def representative(self, abstract_box: AbstractBox) -> Box:
+    def _representative(self, abstract_box: AbstractBox) -> Box:
         """A box with this abstraction. Its items may overlap."""
-        box = self._representatives.get(abstract_box)
-        if box is None:
-            items = self.classes.representatives
-            box = self._representatives[abstract_box] = Box(tuple([items[item_class] for item_class in abstract_box]))
-        return box
+        return Box(tuple([self.classes.representatives[item_class] for item_class in abstract_box]))
 
     def layers(self, box: Box) -> Layers[AbstractEdit]:
         """The layers of the box's abstraction as representative boxes, shared by all boxes that have it."""
-        abstract_box = self.abstract(box)
-        found = self._layers.get(abstract_box)
-        if found is None:
-            found = self._layers[abstract_box] = Layers(self.representative(abstract_box), self._successors)
-        return found
+        return self._layers(self.abstract(box))
+
+    def _layers_of(self, abstract_box: AbstractBox) -> Layers[AbstractEdit]:
+        return Layers(self.representative(abstract_box), self._successors)
 
     def _successors(self, box: Box) -> Iterator[tuple[AbstractEdit, Box]]:
         abstract_box = tuple([self.classes.of(item) for item in box.items])

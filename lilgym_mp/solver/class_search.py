@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from lilgym_mp.programs import compile_program
@@ -71,7 +71,7 @@ class ClassSpace:
         self._goal = goal
         self._programs = [program for program, _ in goal.targets] if isinstance(goal, ProgramGoal) else []
         self.is_goal = lru_cache(MAX_CACHED_TRUTHS)(self._is_goal)
-        self._reachable: dict[Layers[Any], ReachableClasses] = {}
+        self.reachable = cache(self._reachable)
 
     @cached_property
     def classes(self) -> BoxClasses:
@@ -82,15 +82,12 @@ class ClassSpace:
         """The abstraction of Scatter boxes under the features of all the programs."""
         return Abstraction(program_features(*(compile_program(program).tree for program in self._programs)))
 
-    def reachable(self, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
+    def _reachable(self, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
         """The reachable classes of the box that has these layers.
 
         `box_cost`: the budget spent on finding the class of a box, in units of class triples examined.
         """
-        found = self._reachable.get(layers)
-        if found is None:
-            found = self._reachable[layers] = ReachableClasses(layers, self.classes, box_cost)
-        return found
+        return ReachableClasses(layers, self.classes, box_cost)
 
     def _is_goal(self, triple: ClassTriple) -> bool:
         """Whether the goal is reached with boxes of these classes."""

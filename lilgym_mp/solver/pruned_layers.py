@@ -8,6 +8,7 @@ This finds solutions quickly but proves nothing about those it does not find.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from lilgym_mp.programs.values import BoxView
@@ -21,13 +22,13 @@ from lilgym_mp.solver.program_features import ProgramFeatures
 FOOTPRINTS = tuple((shape, size) for size in Size for shape in Shape)  # small ones first: they leave most space
 
 
+@dataclass
 class SuccessorGenerator:
     """Generates the edits of a box, with one colour for each item class that an addition can have."""
 
-    def __init__(self, editor: BoxEditor, classes: ItemClasses, budget: Budget) -> None:
-        self._editor = editor
-        self._classes = classes
-        self._budget = budget
+    _editor: BoxEditor
+    _classes: ItemClasses
+    _budget: Budget
 
     def __call__(self, box: Box) -> Iterator[EditedBox]:
         """Every removal, then every addition. Raises BudgetExhaustedError."""

@@ -148,14 +148,12 @@ class Generator:
         if strict:
             value = self.lower(node, scope)
             return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
-        match node:
-            case Logic(operator=operator, operands=operands):
-                truths = [self.condition(operand, scope) for operand in operands]
-                return ir.Bool(ir.operate(operator, *(truth.code for truth in truths)), ir.all_total(truths))
-            case _:
-                value = self.lower(node, scope)
-                self.charge(ir.max_measure_steps(value))
-                return ir.as_truth(value)
+        if isinstance(node, Logic):
+            truths = [self.condition(operand, scope) for operand in node.operands]
+            return ir.Bool(ir.operate(node.operator, *(truth.code for truth in truths)), ir.all_total(truths))
+        value = self.lower(node, scope)
+        self.charge(ir.max_measure_steps(value))
+        return ir.as_truth(value)
 
     def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
         """Raises Unsupported, also when the code, which may repeat that of the node's parts, gets too long."""
