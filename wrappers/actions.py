@@ -23,7 +23,7 @@ MASK = "action_mask"  # the info's key
 class MaskInfo(Transformation):
     """Adds "action_mask" to infos."""
 
-    adds_infos = uses_mdp_actions = True
+    adds_infos = True
 
     def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
         return {MASK: state.action_masks().view(np.int8)}

@@ -16,6 +16,7 @@ from lilgym_mp.envs.observation import row_of
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
+from lilgym_mp.wrappers.actions import MaskInfo
 from lilgym_mp.wrappers.transformation import (
     EnvDescription,
     EnvState,
@@ -42,6 +43,7 @@ def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, set
     change_tasks(env, layer.transformation, [each.transformation for each in base.engine.layers])  # pyright: ignore[reportAttributeAccessIssue]
     base.engine.layers.append(layer)
     base.observation_spaces.update(zip(AGENTS, layer.observation_spaces, strict=True))
+    base.masks_in_infos |= isinstance(layer.transformation, MaskInfo)
     return env
 
 

@@ -32,7 +32,7 @@ STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
     "native": [wrappers.native_image_v0, wrappers.channels_first_v0],
     "flat": [wrappers.flat_observation_v0],
-    "mask": [wrappers.stop_forcing_v0],
+    "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
 }
@@ -96,6 +96,14 @@ def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
     assert np.array_equal(game.observe(VERIFIER)["action_mask"], verifiers)
 
 
+def test_action_mask__is_in_infos_as_in_observations(settings: dict[str, Any]):
+    game = wrappers.stop_forcing_v0(wrappers.action_mask_v0(parallel_env(**settings)))
+    for actions in (None, {PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0}, {PROPOSER: STOP, VERIFIER: ACCEPT}):
+        observations, *_, infos = game.reset(options={"task": "blue"}) if actions is None else game.step(actions)
+        for agent in (PROPOSER, VERIFIER):
+            assert np.array_equal(infos[agent]["action_mask"], observations[agent]["action_mask"])
+
+
 def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
     game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}))
     game.reset(seed=0, options={"task": "blue"})
@@ -131,7 +139,6 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
     "wrap",
     [
         *(wrappers.text_observation_v0, wrappers.named_actions_v0, wrappers.multi_discrete_actions_v0),
-        wrappers.action_mask_v0,
         *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
     ],
 )

@@ -26,7 +26,7 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import Int8Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
@@ -183,6 +183,10 @@ class GameEngine:
             observation = layer(role, observation)
         return observation
 
+    def mask(self, role: Role) -> Int8Array:
+        """(actions,) one agent's legal actions, a new array."""
+        return self.observe(role)[MASK] if self.layers else self.games.masks(role, 0)
+
     def observe_both(self) -> dict[str, AgentObservation]:
         """Both agents' observations, which share the arrays of parts that both see."""
         if self.layers:
@@ -227,6 +231,7 @@ class BaseGameEnv:
     ) -> None:
         """Arguments as for `env`. Raises ValueError naming the choices."""
         self._is_vector = choose("observations", observations, {NESTED: False, VECTOR: True})
+        self.masks_in_infos = self._is_vector
         game = Game(GameSettings.of({"configuration": configuration, **settings}))
         self.engine = engine = GameEngine(game, render_mode)
         self.possible_agents = list(AGENTS)
@@ -242,11 +247,11 @@ class BaseGameEnv:
         self.state_space = image_space(engine.game.settings.image_size)
 
     def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
-        """Both agents' infos, with the masks if these are not in the observations."""
+        """Both agents' infos, with the masks if these are not in the observations, or requested by a wrapper."""
         by_agent = {AGENTS[PROPOSER]: infos[PROPOSER], AGENTS[VERIFIER]: infos[VERIFIER]}
-        if not self._is_vector:
+        if not self.masks_in_infos:
             return by_agent
-        return {agent: {**info, MASK: self.engine.games.masks(ROLES[agent], 0)} for agent, info in by_agent.items()}
+        return {agent: {**info, MASK: self.engine.mask(ROLES[agent])} for agent, info in by_agent.items()}
 
     def _shown(self, agent: str, nested: AgentObservation) -> Any:
         """An agent's observation in the environment's form."""
