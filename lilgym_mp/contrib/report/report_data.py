@@ -15,13 +15,14 @@ from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episodes
-from lilgym_mp.evaluation.files import SUFFIX
+from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 from lilgym_mp.learning.common.run_directory import shown as shown_setting
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
+ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
 
 class ReportError(ValueError):
@@ -233,6 +234,11 @@ def _curve(directory: Path) -> TrainingCurve:
 
 
 def _evaluations(file: Path) -> tuple[dict[str, Any], ...]:
-    """The evaluations in a JSON Lines file; none if there is no such file."""
+    """The evaluations in a JSON Lines file; none if there is no such file. Raises ValueError for an invalid number."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    return tuple(dict(json.loads(line)) for line in lines)
+    records = tuple(dict(json.loads(line)) for line in lines)
+    for record, key in product(records, ("steps", *ACCURACIES)):
+        value = record.get(key)
+        if (value is not None or key == "steps") and not (isinstance(value, int | float) and abs(value) < MAX_NUMBER):
+            raise ValueError(f"{key} must be a number, not {shown(value)}")
+    return records
