@@ -28,7 +28,7 @@ def test_arrays__equal_the_text_observations(id: str):
     assert (array["image"] == text["image"]).all()
     assert array["target"].tolist() == [text["target"]]
     vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
-    assert vocabulary.decode(array["statement"]) == words(text["statement"])
+    assert tuple(vocabulary.decode(array["statement"])) == words(text["statement"])
 
 
 def test_ppo__learns_from_the_obvious_first_line():

@@ -45,7 +45,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/programs/canonical.py:_compare_with_constant": ("tests/programs/test_canonical.py",),
     "lilgym_mp/envs/proposer_verifier/rewards.py:_correctness": ("tests/envs/proposer_verifier",),
     "lilgym_mp/learning/common/augmentation.py:recolourable": ("tests/test_augmentation.py",),
-    "lilgym_mp/perception.py:Decomposition._item": ("tests/test_perception.py",),
+    "lilgym_mp/perception.py:_fewest": ("tests/test_perception.py",),
     "lilgym_mp/solver/tower_search.py:TowerSearch.solve": ("tests/solver",),
     "lilgym_mp/learning/common/update.py:policy_loss": ("tests/learning/ppo/test_update.py",),
     "lilgym_mp/learning/common/update.py:generalised_advantages": ("tests/learning/ppo/test_update.py",),
