@@ -255,6 +255,8 @@ class Generator:
             return self.relation(node, scope)
         if word.name in BINARY_WORDS:
             return self.binary(node, scope)
+        if word.name == "all_same_attribute":
+            return self.all_same_attribute(node, scope)
         if word.name in ("filter_obj", "All", "Any"):
             return self.quantifier(node, scope)
         lower_word = self.combinations if word.name == "combinations" else VALUE_WORDS.get(word.name)
@@ -390,6 +392,28 @@ class Generator:
             total = total and condition.total
             counts.append(ir.TupleCount(tuple(loops), condition.code))
         return ir.Combinations(collection.parts, collection.size, ir.operate("+", *counts), total, filtered=True)
+
+    def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        """Whether some element is present, and those that are have equal values, two by two."""
+        collection = self.lower(cast("Node", node.arguments[0]), scope)
+        function = _as_lambda(cast("Node", node.arguments[1]))
+        self.charge_call(node.word, collection, ir.FALSE)
+        if not isinstance(collection, ir.StaticList):
+            ir.unsupported("all_same_attribute")
+        terms: list[tuple[ir.Code, ir.Int | ir.Bool]] = []
+        for element, condition in zip(collection.elements, collection.conditions, strict=True):
+            self.charge_lambda(function.body)
+            value = self.lower(function.body, {**scope, function.parameter: element})
+            if not isinstance(value, ir.Int | ir.Bool) or not value.total:
+                ir.unsupported("all_same_attribute of other values")
+            terms.append((ir.negate(condition).code, value))
+        same = [
+            ir.operate("or", absent, other_absent, ir.operate("==", value.code, other.code))
+            for (absent, value), (other_absent, other) in itertools.combinations(terms, 2)
+        ]
+        if len({type(value) for _, value in terms}) > 1:
+            ir.unsupported("values of two types")
+        return ir.conjunction((ir.existence(collection).code, *same), total=collection.total)
 
     def filter_static(
         self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
