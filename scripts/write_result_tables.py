@@ -86,7 +86,7 @@ def played(row: str, run: Path) -> Iterator[Outcomes]:
     assert game is not None
     for name in CONFIGURATIONS:
         if CONFIGURATIONS[name][0] == game.appearance:
-            env = BaseGameEnv(replace(game, configuration=name, split="dev"))
+            env = BaseGameEnv(**vars(replace(game, configuration=name, split="dev")))
             proposer, verifier = (agent.partner(role, game) for role in Role)
             assert proposer is not None
             assert verifier is not None
