@@ -38,6 +38,7 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
 _MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
 _FILTERS = {f"filter_{name}": kind for name, kind in _MEMBER_TYPES.items()}
+_QUERIES = {f"query_{name}": f"all_same_{name}" for name in _MEMBER_TYPES}
 _COMPARISONS = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">", "equal_int": "=="}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
@@ -142,6 +143,10 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
             arguments = (collected,)
     elif name == "len" and _is_plain_selection(_required(arguments[0]), scope):
         return _call("count", arguments[0])
+    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.name in _QUERIES:
+        queried = _required(arguments[0].arguments[0])
+        if type_of(queried, scope) in (ITEMS, BOX):
+            return _call(_QUERIES[arguments[0].word.name], queried)
     simpler = (
         _simplify_box_items(parameter, argument, scope)
         for parameter, argument in zip(node.word.parameters, arguments, strict=True)

@@ -251,9 +251,7 @@ def _logic(node: syntax.Logic) -> Closure:
     return closure
 
 
-_OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add,
-    "%": operator.mod,
+_COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq,
     "!=": operator.ne,
     "<": operator.lt,
@@ -274,7 +272,7 @@ def _comparison(node: syntax.Comparison) -> Closure:
         truth = True
         for name, right_closure in steps:
             (right,), right_count = evaluation.operands((right_closure,), variables)
-            truth = _operate(evaluation, name, left, right, left_count + right_count)
+            truth = _operate(evaluation, name, _COMPARISONS[name], left, right, left_count + right_count)
             evaluation.held -= left_count
             left, left_count = right, right_count
             if not truth:
@@ -285,10 +283,12 @@ def _comparison(node: syntax.Comparison) -> Closure:
     return closure
 
 
-def _operate(evaluation: Evaluation, name: str, left: Any, right: Any, count: int) -> Any:
+def _operate(
+    evaluation: Evaluation, name: str, operation: Callable[[Any, Any], Any], left: Any, right: Any, count: int
+) -> Any:
     evaluation.charge(costs.OPERATION + count)
     try:
-        return _OPERATIONS[name](left, right)
+        return operation(left, right)
     except TypeError:
         raise ProgramRuntimeError(f"{name}: cannot be used with {describe(left)} and {describe(right)}") from None
     except ZeroDivisionError:
@@ -297,10 +297,11 @@ def _operate(evaluation: Evaluation, name: str, left: Any, right: Any, count: in
 
 def _arithmetic(node: syntax.Arithmetic) -> Closure:
     closures = (build_closure(node.left), build_closure(node.right))
+    name, operation = node.operator, {"+": operator.add, "%": operator.mod}[node.operator]
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
         (left, right), count = evaluation.operands(closures, variables)
-        value = _operate(evaluation, node.operator, left, right, count)
+        value = _operate(evaluation, name, operation, left, right, count)
         evaluation.held -= count
         return value
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 
 from lilgym_mp.programs import syntax
 from lilgym_mp.programs.words import Word
@@ -30,8 +30,8 @@ Scope = Mapping[str, Type]  # by variable
 
 _MEMBERS: Mapping[str, Type] = {"box": BOX, "color": "Color", "shape": "Shape", "size": "Size"}
 _METHODS: Mapping[str, Type] = {"is_tower": BOOL, "all_items_in_box": ITEMS}
-_HASHING_WORDS = ("set", "union", "intersect", "contained", "equal_set")
-_FALLIBLE_WORDS = ("unique", "min", "select", "combinations", "union_all", "intersect_all")
+_HASHING_WORDS = ("set", "union", "intersect", "contained", "equal_set", "union_all", "intersect_all")
+_FALLIBLE_WORDS = ("unique", "min", "select", "combinations")
 
 
 def type_of(node: syntax.Node, scope: Scope) -> Type:
@@ -124,10 +124,14 @@ def _result_type(word: Word, arguments: Sequence[Type]) -> Type:
             return Many(elements[0])
         case "union" | "intersect":
             return Many(_common(elements))
+        case "union_all" | "intersect_all":
+            return Many(element_of(elements[0]))
         case "unique" | "min":
             return elements[0]
         case "combinations":
             return Many(Many(elements[0]))
+        case "select":
+            return Many(Many(elements[1]))
         case _:
             return _declared(word.result)
 
@@ -152,7 +156,11 @@ def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: S
                 return True
         elif may_fail(argument, scope) or not _accepts(parameter.type.name, given):
             return True
-    return word.name in _HASHING_WORDS and not all(is_hashable(element_of(given)) for given in types)
+    depth = 2 if word.name in ("union_all", "intersect_all") else 1
+    return word.name in _HASHING_WORDS and not all(
+        argument is None or is_hashable(reduce(lambda of, _: element_of(of), range(depth), given))
+        for argument, given in zip(arguments, types, strict=True)
+    )
 
 
 def _accepts(wanted: str, given: Type) -> bool:

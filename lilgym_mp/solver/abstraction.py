@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.scene import Box, Item
+from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Item
 from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.solver.box_editor import ItemType
 from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
@@ -65,16 +65,23 @@ def _classes(features: Sequence[ItemFeature]) -> tuple[Int64Array, list[int]]:
 
 def _one_colour_per_footprint(classes: Int64Array, count: int) -> list[tuple[ItemType, ...]]:
     """The item types that items of each class can have, one colour for each footprint, small ones first."""
-    item_types: list[dict[int, ItemType]] = [{} for _ in range(count)]
-    by_item: list[int] = classes.tolist()
-    for item, item_class in sorted(zip(canonical_items(), by_item, strict=True), key=_by_size):
-        item_types[item_class].setdefault(item.footprint, (item.shape, item.colour, item.size))
-    return [tuple(by_footprint.values()) for by_footprint in item_types]
+    _, firsts = np.unique(classes * FOOTPRINT_COUNT + _footprints(), return_index=True)
+    item_types: list[list[ItemType]] = [[] for _ in range(count)]
+    chosen: list[int] = firsts.tolist()
+    pairs = [(canonical_items()[first], int(classes[first])) for first in chosen]
+    for item, item_class in sorted(pairs, key=lambda pair: _by_size(pair[0])):
+        item_types[item_class].append((item.shape, item.colour, item.size))
+    return [tuple(found) for found in item_types]
 
 
-def _by_size(classified: tuple[Item, int]) -> tuple[int, int]:
-    item, _ = classified
+def _by_size(item: Item) -> tuple[int, int]:
     return item.size, -item.shape  # triangles first: they leave more space than other shapes of their size
+
+
+@cache
+def _footprints() -> Int64Array:
+    """(1323,) the footprint of each canonical item."""
+    return np.array([item.footprint for item in canonical_items()])
 
 
 class Abstraction:

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from functools import lru_cache
 
-from lilgym_mp.envs.fast import ir
 from lilgym_mp.envs.fast.code_generation import generate_function
 from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
 from lilgym_mp.programs.errors import FallbackError
-from lilgym_mp.programs.reference import Evaluation, build_closure
+from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Box, Item, Scene
 
@@ -65,8 +64,8 @@ class BoxClasses:
         return found
 
 
-def _queries(node: syntax.Node) -> Iterator[syntax.Node]:
-    """Expressions about the first box, of bools or counts, that determine the node's value.
+def _queries(node: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
+    """Programs about the first box that determine the node's value, each with whether it is a count.
 
     Raises _NotSeparableError.
     """
@@ -77,13 +76,13 @@ def _queries(node: syntax.Node) -> Iterator[syntax.Node]:
                 yield from _filter_queries(filters)
                 return
             if source == ITEMS and all(map(_is_box_local, filters)):
-                yield syntax.Call(WORDS["count"], (chain,))
+                yield syntax.Call(WORDS["count"], (chain,)), True
                 return
         case syntax.Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
             source, filters = _filters(chain)
             if source == BOXES and _is_box_local(function):
                 yield from _filter_queries(filters)
-                yield syntax.Call(WORDS["Any"], (FIRST_BOX, function))
+                yield syntax.Call(WORDS["Any"], (FIRST_BOX, function)), False
                 return
         case syntax.SceneName() | syntax.Lambda() | syntax.WordName():
             raise _NotSeparableError
@@ -103,12 +102,12 @@ def _filters(chain: syntax.Node) -> tuple[syntax.Node, list[syntax.Node]]:
             return chain, []
 
 
-def _filter_queries(filters: Iterable[syntax.Node]) -> Iterator[syntax.Node]:
+def _filter_queries(filters: Iterable[syntax.Node]) -> Iterator[tuple[syntax.Node, bool]]:
     for function in filters:
         if not _is_box_local(function):
             raise _NotSeparableError
         selected = syntax.Call(WORDS["filter_obj"], (FIRST_BOX, function))
-        yield syntax.Call(WORDS["exist"], (selected,))
+        yield syntax.Call(WORDS["exist"], (selected,)), False
 
 
 def _is_box_local(function: syntax.Node) -> bool:
@@ -127,12 +126,33 @@ def _is_local(node: syntax.Node) -> bool:
 
 
 @lru_cache(maxsize=QUERY_CACHE_SIZE)
-def _compiled(query: syntax.Node) -> Query:
-    """The query as a function; its result is the query's value for a scene with that box first and two empty boxes, or
-    the error message if it raises."""
-    fast, reference = generate_function(query, ir.Int if _is_count(query) else ir.Bool), build_closure(query)
+def _compiled(query: tuple[syntax.Node, bool]) -> Query:
+    """The query as a function; its result is the program's value for a scene with that box first and two empty boxes,
+    or the error message if it raises."""
+    tree, is_count = query
+    return _count_query(tree) if is_count else _value_query(tree)
 
-    def value(box: Box) -> Hashable:
+
+def _count_query(count: syntax.Node) -> Query:
+    """Finds the count by comparisons with 0, 1, 2, ..., since programs have Boolean values."""
+    exceeds: list[Query] = []
+
+    def query(box: Box) -> Hashable:
+        for number in range(len(box.items)):
+            if number == len(exceeds):
+                exceeds.append(_value_query(syntax.Comparison(count, (">",), (syntax.Constant(number),))))
+            found = exceeds[number](box)
+            if found is not True:
+                return number, found
+        return len(box.items)
+
+    return query
+
+
+def _value_query(tree: syntax.Node) -> Query:
+    fast, reference = generate_function(tree), build_closure(tree)
+
+    def query(box: Box) -> Hashable:
         scene = Scene((box, EMPTY_BOX, EMPTY_BOX))
         try:
             if fast is not None:
@@ -140,12 +160,8 @@ def _compiled(query: syntax.Node) -> Query:
         except FallbackError:
             pass
         try:
-            return reference(Evaluation(scene), {})
-        except (ProgramRuntimeError, RecursionError) as fault:
+            return evaluate(reference, Evaluation(scene))
+        except ProgramRuntimeError as fault:
             return str(fault)
 
-    return value
-
-
-def _is_count(query: syntax.Node) -> bool:
-    return isinstance(query, syntax.Call) and query.word.name == "count"
+    return query

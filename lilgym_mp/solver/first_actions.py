@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 
@@ -54,15 +53,18 @@ class ScatterBox:
         self._item_classes = [abstraction.classes.of(item) for item in box.items]
         self._layers = abstraction.layers(box)
         self.reachable = space.reachable(self._layers, ABSTRACT_BOX_COST)
-        self.refinement = cache(self._refinement)
-        self.first_actions = cache(self._first_actions)
+        self._refinements: dict[tuple[int, int], Refinement | NoRefinement] = {}  # by edits and class
+        self._first_actions: dict[tuple[int, int], FirstActions] = {}  # by edits and class
 
     # Feasibility
 
-    def _refinement(self, edits: int, box_class: int, budget: Budget) -> Refinement | NoRefinement:
+    def refinement(self, edits: int, box_class: int, budget: Budget) -> Refinement | NoRefinement:
         """`edits` edits that lead to a box of the class."""
-        paths = list(map(self._layers.path, self._goals(edits, box_class, budget)))
-        return self._refine_any(paths, MAX_GOALS, self._box, budget)
+        found = self._refinements.get((edits, box_class))
+        if found is None:
+            paths = list(map(self._layers.path, self._goals(edits, box_class, budget)))
+            found = self._refinements[edits, box_class] = self._refine_any(paths, MAX_GOALS, self._box, budget)
+        return found
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
         """None if `edits` edits can lead to a box of the class, else why not."""
@@ -83,14 +85,19 @@ class ScatterBox:
 
     # First actions
 
-    def _first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
+    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
         """The first actions on paths of `edits` edits to boxes of the class."""
         if not edits:
             return NO_ACTIONS
-        goals = self._goals(edits, box_class, budget)
-        if edits == 1:
-            return FirstActions(frozenset(self._actions_to(set(map(self._abstraction.abstract, goals)))))
-        return self._first_of_many(goals, budget)
+        found = self._first_actions.get((edits, box_class))
+        if found is None:
+            goals = self._goals(edits, box_class, budget)
+            if edits == 1:
+                found = FirstActions(frozenset(self._actions_to(set(map(self._abstraction.abstract, goals)))))
+            else:
+                found = self._first_of_many(goals, budget)
+            self._first_actions[edits, box_class] = found
+        return found
 
     def _actions_to(self, goals: set[AbstractBox]) -> Iterator[int]:
         """The actions that lead to one of these abstract boxes."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache, partial
 
 import numpy as np
@@ -14,7 +13,7 @@ from lilgym_mp.programs.task import Goal, ProgramGoal
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
+from lilgym_mp.solver.abstraction import AbstractEdit
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import Reachability, class_space
 from lilgym_mp.solver.first_actions import ScatterBox
@@ -43,7 +42,7 @@ class ScatterSearch:
             return solved((STOP,), 0, budget)
         if not isinstance(goal, ProgramGoal):
             return not_found(1, budget, "Scatter tasks can be solved only if success depends on their program alone")
-        search = _TaskSearch(self._editors, class_space(goal).abstraction, goal.reached_in, scene, max_edits, budget)
+        search = _TaskSearch(self._editors, goal, scene, max_edits, budget)
         try:
             actions = search.solution()
         except BudgetExhaustedError:
@@ -84,17 +83,17 @@ class ScatterSearch:
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
 
 
-@dataclass
 class _TaskSearch:
-    """The search from one scene."""
+    """The search from one scene. `least_edits` is the lower bound proven so far."""
 
-    _editors: Sequence[BoxEditor]
-    _abstraction: Abstraction
-    _is_goal: Callable[[Scene], bool]
-    _scene: Scene
-    _max_edits: int
-    _budget: Budget
-    least_edits: int = 1  # the lower bound proven so far
+    def __init__(self, editors: Sequence[BoxEditor], goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> None:
+        self._editors = editors
+        self._abstraction = class_space(goal).abstraction
+        self._scene = scene
+        self._is_goal = goal.reached_in
+        self._max_edits = max_edits
+        self._budget = budget
+        self.least_edits = 1
 
     def solution(self) -> list[BoxEdit] | None:
         """The edits of the shortest solution found. Raises BudgetExhaustedError."""

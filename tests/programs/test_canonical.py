@@ -102,6 +102,7 @@ def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens()
             "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))",
         ),
         ("1 <= count(all_items) <= 3", "exist(all_items) and count(all_items) <= 3"),
+        ("all_same(query_color(all_items))", "all_same_color(all_items)"),
         ("equal_int(count(all_items), 2)", "count(all_items) == 2"),
     ],
 )

@@ -139,7 +139,7 @@ def _union(rows: Sequence[Mask], mask: Mask) -> Mask:
 
 # The only names that generated code can use, besides functions of a box
 NAMES: dict[str, Any] = {
-    "__builtins__": {"len": len, "sum": sum, "bool": bool, "int": int},
+    "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
     "only": _only,
     "union": _union,

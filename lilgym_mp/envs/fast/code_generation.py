@@ -50,20 +50,20 @@ MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 MAX_NODES = 5_000  # nodes of the syntax tree lowered for one program
 
 
-def generate_code(tree: Node, kind: type[ir.Bool | ir.Int] = ir.Bool) -> ir.Code | None:
-    """The code of an expression's value, or None when it is unsupported or not of that kind."""
+def generate_code(tree: Node) -> ir.Code | None:
+    """The code of a program's truth value, or None when it is unsupported."""
     try:
         value = Generator(Context(), kernel=False).lower(tree, {})
-        return value.code if isinstance(value, kind) else None
+        return value.code if isinstance(value, ir.Bool) else None
     except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
-def generate_function(tree: Node, kind: type[ir.Bool | ir.Int] = ir.Bool) -> Callable[[Scene], int] | None:
-    """The generated function of an expression, as for `generate_code`. It may raise FallbackError."""
-    code = generate_code(tree, kind)
+def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
+    """The generated function of a program, or None when it is unsupported. It may raise FallbackError."""
+    code = generate_code(tree)
     try:
-        return code and printing.scene_function(code, bool if kind is ir.Bool else int)
+        return code and printing.scene_function(code)
     except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 

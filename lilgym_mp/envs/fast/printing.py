@@ -21,11 +21,11 @@ CALLS = {  # operators that are not written between their operands
 }
 
 
-def scene_function(code: ir.Code, result: type[int]) -> Callable[[Scene], int]:
-    """The function of a scene whose value is the code's, an int or a bool."""
+def scene_function(code: ir.Code) -> Callable[[Scene], bool]:
+    """The function of a scene whose value is the code's."""
     printer = _Printer()
     text, boxes = printer.text(code), ", ".join(ir.BOXES)
-    source = f"def evaluate(scene):\n    {boxes} = scene.boxes\n{printer.lines()}    return {result.__name__}({text})\n"
+    source = f"def evaluate(scene):\n    {boxes} = scene.boxes\n{printer.lines()}    return bool({text})\n"
     return _compiled(source, printer.names, "evaluate")
 
 
