@@ -42,12 +42,12 @@ def queries_of(program: str) -> tuple[Query, ...] | None:
 class BoxClasses:
     """The classes of boxes that are interchangeable for several programs together, indexed in order of discovery.
 
-    If `separable` is false, because some program is not or there is none, each box is a class of its own.
+    If `separable` is false, because some program is not, each box is a class of its own.
     """
 
     def __init__(self, programs: Iterable[str]) -> None:
         by_program = list(map(queries_of, programs))
-        self.separable = bool(by_program) and None not in by_program
+        self.separable = None not in by_program
         self.representatives: list[Box] = []  # by class
         self._queries = tuple(dict.fromkeys(query for queries in by_program for query in queries or ()))
         self._by_signature: dict[Hashable, int] = {}

@@ -12,22 +12,32 @@ from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from lilgym_mp.programs import compile_program
-from lilgym_mp.programs.task import Goal, ProgramGoal
+from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
-from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.box_classes import BoxClasses
-from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers
+from lilgym_mp.solver.layered_search import Budget, Layers
 from lilgym_mp.solver.program_features import program_features
 from lilgym_mp.solver.refinement import NoRefinement
-from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
+from lilgym_mp.solver.solution import ActionSet
 
-CACHE_SIZE = 512  # goals
-MAX_CACHED_TRUTHS = 200_000  # class triples, for one goal
+CACHE_SIZE = 512  # tuples of programs
+MAX_CACHED_TRUTHS = 200_000  # class triples, for one tuple of programs
 
 EditCounts = tuple[int, int, int]  # edits by box
 ClassTriple = tuple[int, int, int]  # class by box
 ClassGoal = tuple[EditCounts, ClassTriple]
+
+
+def program_goal(task: Task) -> tuple[tuple[str, ...], int] | None:
+    """The programs in the task's goal and, as a bit mask, their targets; bit i is the target of program i.
+
+    None if success does not depend on program values alone, as e.g. in `corpus.matching`.
+    """
+    if not isinstance(task.goal, ProgramGoal):
+        return None
+    programs, targets = zip(*task.goal.targets, strict=True)
+    return programs, sum(1 << index for index, target in enumerate(targets) if target)
 
 
 class ReachableClasses:
@@ -65,12 +75,12 @@ class ReachableClasses:
 
 
 class ClassSpace:
-    """The abstract state space of a goal, whose states are class triples. Caches what is computed about it."""
+    """The abstract state space of some programs, whose states are class triples. Caches what is computed about it."""
 
-    def __init__(self, goal: Goal) -> None:
-        self._goal = goal
-        self._programs = [program for program, _ in goal.targets] if isinstance(goal, ProgramGoal) else []
-        self.is_goal = lru_cache(MAX_CACHED_TRUTHS)(self._is_goal)
+    def __init__(self, programs: tuple[str, ...]) -> None:
+        self._programs = programs
+        self._compiled = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
+        self.truths = lru_cache(MAX_CACHED_TRUTHS)(self._evaluate)
         self.reachable = cache(self._reachable)
 
     @cached_property
@@ -80,7 +90,7 @@ class ClassSpace:
     @cached_property
     def abstraction(self) -> Abstraction:
         """The abstraction of Scatter boxes under the features of all the programs."""
-        return Abstraction(program_features(*(compile_program(program).tree for program in self._programs)))
+        return Abstraction(program_features(*(program.tree for program, _ in self._compiled)))
 
     def _reachable(self, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
         """The reachable classes of the box that has these layers.
@@ -89,14 +99,15 @@ class ClassSpace:
         """
         return ReachableClasses(layers, self.classes, box_cost)
 
-    def _is_goal(self, triple: ClassTriple) -> bool:
-        """Whether the goal is reached with boxes of these classes."""
+    def _evaluate(self, triple: ClassTriple) -> int:
+        """The programs' values for boxes of these classes as a bit mask; bit i is the value of program i."""
         first, second, third = triple
         if self.classes.separable and not first <= second <= third:  # then the order of the boxes does not matter
             first, second, third = sorted(triple)
-            return self.is_goal((first, second, third))
+            return self.truths((first, second, third))
         boxes = self.classes.representatives
-        return self._goal.reached_in(Scene((boxes[first], boxes[second], boxes[third])))
+        scene = Scene((boxes[first], boxes[second], boxes[third]))
+        return sum([bit for program, bit in self._compiled if program(scene)])
 
 
 class_space = lru_cache(maxsize=CACHE_SIZE)(ClassSpace)
@@ -133,12 +144,13 @@ class BoxReachability(Protocol):
 class Reachability:
     """The class triples that can be reached from a scene, and how. Methods raise BudgetExhaustedError."""
 
-    def __init__(self, space: ClassSpace, boxes: Sequence[BoxReachability]) -> None:
+    def __init__(self, space: ClassSpace, targets: int, boxes: Sequence[BoxReachability]) -> None:
         self._space = space
+        self._targets = targets
         self._boxes = boxes
 
     def goals_at(self, edits: int, budget: Budget) -> Iterator[ClassGoal]:
-        """The class triples exactly `edits` edits away that are goals, and the edits of each box."""
+        """The class triples exactly `edits` edits away with the targets, and the edits of each box."""
         left, middle, right = (box.reachable for box in self._boxes)
         for left_edits in range(edits + 1):
             lefts = left.layer(left_edits, budget)
@@ -148,7 +160,7 @@ class Reachability:
                 edit_counts = (left_edits, middle_edits, edits - left_edits - middle_edits)
                 budget.spend(len(lefts) * len(middles) * len(rights))
                 for triple in itertools.product(lefts, middles, rights):
-                    if self._space.is_goal(triple):
+                    if self._space.truths(triple) == self._targets:
                         yield edit_counts, triple
 
     def edits_to(self, goal: ClassGoal, budget: Budget) -> list[Any] | None:
@@ -160,21 +172,6 @@ class Reachability:
                 return None
             found.extend(refinement)
         return found
-
-    def solution(self, max_edits: int, budget: Budget, *, least_edits: int = 0, min_edits: int = 0) -> Solution:
-        """Edits that lead to the first of the nearest goals, then STOP; NOT_FOUND if they are fewer than `min_edits`.
-
-        `least_edits`: a proven lower bound on the edits. Never raises BudgetExhaustedError.
-        """
-        edits = least_edits
-        try:
-            for edits in range(least_edits, max_edits + 1):
-                for goal in self.goals_at(edits, budget):
-                    found = self.edits_to(goal, budget) if edits >= min_edits else None
-                    return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
-        except BudgetExhaustedError:
-            return not_found(edits, budget)
-        return unsolvable(f"no scene within {max_edits} edits has that value", max_edits + 1, budget)
 
     def first_actions(self, max_edits: int, budget: Budget) -> ActionSet | None:
         """The first actions on shortest paths to the nearest goals; None if these are not known to be feasible."""

@@ -8,14 +8,13 @@ from functools import cache, partial
 
 import numpy as np
 
-from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.programs.task import Goal, ProgramGoal
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.solver.abstraction import AbstractEdit
+from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
-from lilgym_mp.solver.class_search import Reachability, class_space
+from lilgym_mp.solver.class_search import Reachability, class_space, program_goal
 from lilgym_mp.solver.first_actions import ScatterBox
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
 from lilgym_mp.solver.pruned_layers import SuccessorGenerator, heuristic_signature
@@ -37,12 +36,13 @@ class ScatterSearch:
         self._editors = [BoxEditor(scatter, self._placement, index) for index in range(BOX_COUNT)]
         self.is_exhaustive = all(editor.is_exhaustive for editor in self._editors)
 
-    def solve(self, goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> Solution:
-        if goal.reached_in(scene):
+    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
+        if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
-        if not isinstance(goal, ProgramGoal):
+        goal = program_goal(state.task)
+        if goal is None:
             return not_found(1, budget, "Scatter tasks can be solved only if success depends on their program alone")
-        search = _TaskSearch(self._editors, goal, scene, max_edits, budget)
+        search = _TaskSearch(self._editors, class_space(goal[0]).abstraction, state, max_edits, budget)
         try:
             actions = search.solution()
         except BudgetExhaustedError:
@@ -54,29 +54,30 @@ class ScatterSearch:
             return unsolvable(reason, search.least_edits, budget)
         return not_found(search.least_edits, budget)
 
-    def reachability(self, goal: Goal, scene: Scene) -> Reachability | None:
-        """None if the classes of reachable boxes do not determine whether the goal is reached."""
-        space = class_space(goal)
-        if not isinstance(goal, ProgramGoal) or space.abstraction.features.relational:
-            return None
-        pairs = zip(self._editors, scene.boxes, strict=True)
-        return Reachability(space, [ScatterBox(space, editor, box) for editor, box in pairs])
+    def is_abstractable(self, program: str) -> bool:
+        """As in `TowerSearch`."""
+        return not class_space((program,)).abstraction.features.relational
 
-    def first_actions_by_trial(self, goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> ActionSet:
+    def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
+        space = class_space(programs)
+        pairs = zip(self._editors, scene.boxes, strict=True)
+        return Reachability(space, targets, [ScatterBox(space, editor, box) for editor, box in pairs])
+
+    def first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         """The first action of a solution; if that has one edit, every other edit that reaches a goal too.
 
         Marked complete only if that is proven.
         """
-        solution = self.solve(goal, scene, max_edits, budget)
+        solution = self.solve(state, max_edits, budget)
         found = set(map(self._scatter.encode, solution.actions[:1]))
         complete = solution.status is Status.UNSOLVABLE
         if solution.steps == 2 and self.is_exhaustive:
             complete = solution.proven_optimal
             try:
-                for action in np.flatnonzero(self._scatter.legal_mask(scene, self._placement))[1:].tolist():
+                for action in np.flatnonzero(self._scatter.legal_mask(state.scene, self._placement))[1:].tolist():
                     budget.spend()
-                    after, _ = self._scatter.apply(scene, self._scatter.decode(action), self._placement)
-                    if goal.reached_in(after):
+                    after, _ = self._scatter.apply(state.scene, self._scatter.decode(action), self._placement)
+                    if state.task.solved_by(after):
                         found.add(action)
             except BudgetExhaustedError:
                 complete = False
@@ -84,13 +85,15 @@ class ScatterSearch:
 
 
 class _TaskSearch:
-    """The search from one scene. `least_edits` is the lower bound proven so far."""
+    """The search from one state. `least_edits` is the lower bound proven so far."""
 
-    def __init__(self, editors: Sequence[BoxEditor], goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> None:
+    def __init__(
+        self, editors: Sequence[BoxEditor], abstraction: Abstraction, state: State, max_edits: int, budget: Budget
+    ) -> None:
         self._editors = editors
-        self._abstraction = class_space(goal).abstraction
-        self._scene = scene
-        self._is_goal = goal.reached_in
+        self._abstraction = abstraction
+        self._scene = state.scene
+        self._is_goal = state.task.solved_by
         self._max_edits = max_edits
         self._budget = budget
         self.least_edits = 1

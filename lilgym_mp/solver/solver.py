@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
 from typing import Any
 
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.programs.task import Goal, Task
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter, Tower
+from lilgym_mp.solver.class_search import Reachability, program_goal
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
-from lilgym_mp.solver.solution import ActionSet, Solution, not_found
+from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved
 from lilgym_mp.solver.tower_search import TowerSearch
 from lilgym_mp.solver.weighted_goals import (
     PLAN_BUDGET,
@@ -47,7 +47,7 @@ class Solver:
             raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
-        self._first_actions = lru_cache(CACHE_SIZE)(self._find_first_actions)
+        self._action_sets: dict[Hashable, ActionSet] = {}  # by goal, scene and edits left
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
@@ -60,34 +60,49 @@ class Solver:
 
         Raises ValueError if no action is left.
         """
-        return self._search.solve(state.task.goal, state.scene, self._max_edits(state), Budget(self.budget))
+        return self._search.solve(state, self._max_edits(state), Budget(self.budget))
 
     def solve_distant(self, state: State, min_edits: int) -> Solution:
         """A solution proven shortest, if it has at least `min_edits` edits: much faster than `solve_from` for many
         scenes of one program.
 
-        Otherwise not solved, with a lower bound of the edits: a nearer goal or none, a program that relates items in
+        NOT_FOUND with a lower bound of the edits in all other cases: a nearer goal, a program that relates items in
         Scatter, an exhausted budget. Raises ValueError if no action is left.
         """
-        budget, max_edits = Budget(self.budget), self._max_edits(state)
-        reachability = self._search.reachability(state.task.goal, state.scene)
-        return reachability.solution(max_edits, budget, min_edits=min_edits) if reachability else not_found(0, budget)
+        budget, edits = Budget(self.budget), 0
+        reachability = self._reachability(state)
+        if reachability is None:
+            return not_found(0, budget)
+        try:
+            for edits in range(self._max_edits(state) + 1):
+                for goal in reachability.goals_at(edits, budget):
+                    found = reachability.edits_to(goal, budget) if edits >= min_edits else None
+                    return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
+        except BudgetExhaustedError:
+            pass
+        return not_found(edits, budget)
 
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError if no action is left."""
-        return self._first_actions(state.task.goal, state.scene, self._max_edits(state))
+        max_edits = self._max_edits(state)
+        key = (state.task.goal, state.scene, max_edits)
+        found = self._action_sets.get(key)
+        if found is None:
+            if len(self._action_sets) >= CACHE_SIZE:
+                del self._action_sets[next(iter(self._action_sets))]
+            found = self._action_sets[key] = self._first_actions(state, max_edits, Budget(self.budget))
+        return found
 
-    def _find_first_actions(self, goal: Goal, scene: Scene, max_edits: int) -> ActionSet:
-        if goal.reached_in(scene):
+    def _first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        if state.task.solved_by(state.scene):
             return ActionSet((self.dynamics.appearance.encode(STOP),), complete=True, steps=1)
-        budget = Budget(self.budget)
-        reachability = self._search.reachability(goal, scene) if self._search.is_exhaustive else None
+        reachability = self._reachability(state) if self._search.is_exhaustive else None
         if reachability is not None:
             with suppress(BudgetExhaustedError):
                 found = reachability.first_actions(max_edits, budget)
                 if found is not None:
                     return found
-        return self._search.first_actions_by_trial(goal, scene, max_edits, budget)
+        return self._search.first_actions_by_trial(state, max_edits, budget)
 
     def plan_for(self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int) -> WeightedPlan:
         """The plan found with the highest total probability of satisfied goals, then with the fewest actions.
@@ -101,6 +116,13 @@ class Solver:
             raise ValueError(f"edits_left must be at least 0, not {edits_left}")
         budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
         return WeightedPlanner(self._search, self.dynamics, goals, scene, edits_left, Budget(budget)).plan()
+
+    def _reachability(self, state: State) -> Reachability | None:
+        """The reachable classes if they determine success, else None."""
+        goal = program_goal(state.task)
+        if goal is None or not all(map(self._search.is_abstractable, goal[0])):
+            return None
+        return self._search.reachability(*goal, state.scene)
 
     def _max_edits(self, state: State) -> int:
         """The most edits that leave one action for STOP."""

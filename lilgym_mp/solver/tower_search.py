@@ -1,23 +1,29 @@
 """Exact search for Tower.
 
 A box has only 121 states, the possible stacks of blocks, so the breadth-first layers of each are computed once and
-serve every task. Only the goal remains to be evaluated, nearest first: in each scene, then for each class triple.
+serve every task. Only the program remains to be evaluated, scene by scene, nearest first.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cache, partial
 
-from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.programs.task import Goal
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import PlacementRules, Tower
-from lilgym_mp.solver.class_search import NO_ACTIONS, ClassSpace, FirstActions, Reachability, class_space
+from lilgym_mp.solver.class_search import (
+    NO_ACTIONS,
+    ClassSpace,
+    FirstActions,
+    Reachability,
+    class_space,
+    program_goal,
+)
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
-from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved
+from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
 
 BoxEdit = AddBlock | RemoveBlock
 
@@ -73,30 +79,62 @@ class TowerSearch:
         self._tower = tower
         self._placement = dynamics.rules.placement
 
-    def solve(self, goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> Solution:
-        edits, layers = 0, self._layers(scene)
+    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
+        edits = 0
         try:
-            for edits in range(min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):
-                nearest = next(goals_at(edits, layers, goal.reached_in, budget), None)
-                if nearest is not None:
-                    paths = map(_path, layers, nearest.boxes, range(BOX_COUNT))
-                    return solved((*itertools.chain(*paths), STOP), edits, budget)
+            for edits in range(max_edits + 1):
+                find = self._solution_by_class if edits > MAX_EXHAUSTIVE_EDITS else self._solution_by_scene
+                actions = find(state, edits, budget)
+                if actions is not None:
+                    return solved((*actions, STOP), edits, budget)
         except BudgetExhaustedError:
             return not_found(edits, budget)
-        return self.reachability(goal, scene).solution(max_edits, budget, least_edits=edits + 1)
+        return unsolvable(f"no scene within {max_edits} edits has that value", max_edits + 1, budget)
 
-    def first_actions_by_trial(self, goal: Goal, scene: Scene, max_edits: int, budget: Budget) -> ActionSet:
-        """None, since the classes of reachable boxes give them within the budget."""
+    def _solution_by_scene(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
+        """A solution with that many edits, given that no solution has fewer."""
+        layers = self._layers(state.scene)
+        goal = next(goals_at(edits, layers, state.task.solved_by, budget), None)
+        return None if goal is None else [edit for path in _paths(layers, goal) for edit in path]
+
+    def _solution_by_class(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
+        """The same by box classes, where boxes are interchangeable."""
+        goal = program_goal(state.task)
+        if goal is None or not class_space(goal[0]).classes.separable:
+            return self._solution_by_scene(state, edits, budget)
+        reachability = self.reachability(*goal, state.scene)
+        nearest = next(reachability.goals_at(edits, budget), None)
+        return None if nearest is None else reachability.edits_to(nearest, budget)
+
+    def first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        """Every first action of a shortest solution; boxes may be edited in any order."""
+        layers = self._layers(state.scene)
+        with suppress(BudgetExhaustedError):
+            for edits in range(1, max_edits + 1):
+                goals = goals_at(edits, layers, state.task.solved_by, budget)
+                found = {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
+                if found:
+                    return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
+            return ActionSet((), complete=True, steps=0)
         return ActionSet((), complete=False, steps=0)
 
-    def reachability(self, goal: Goal, scene: Scene) -> Reachability:
-        space = class_space(goal)
-        return Reachability(space, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
+    def is_abstractable(self, program: str) -> bool:
+        """Whether the classes of reachable boxes determine the program's value."""
+        return True
+
+    def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
+        space = class_space(programs)
+        return Reachability(space, targets, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
 
 
-def _path(layers: Layers[BoxEdit], after: Box, index: int) -> list[BoxEdit]:
+def _paths(layers: list[Layers[BoxEdit]], goal: Scene) -> list[tuple[BoxEdit, ...]]:
+    """The edits of each box that lead to the goal."""
+    return [_path(layers[index], goal.boxes[index], index) for index in range(BOX_COUNT)]
+
+
+def _path(layers: Layers[BoxEdit], after: Box, index: int) -> tuple[BoxEdit, ...]:
     """The edits of box `index` that lead to `after`."""
-    return [edit._replace(box=index) for edit in layers.path(after)]
+    return tuple(edit._replace(box=index) for edit in layers.path(after))

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs import compile_program
-from lilgym_mp.programs.task import ProgramGoal
+from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
-from lilgym_mp.solver.class_search import Reachability
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.tower_search import TowerSearch
@@ -146,12 +145,10 @@ class WeightedPlanner:
 
     def _shortest(self, required: Sequence[WeightedGoal], least_edits: int) -> _Candidate | None:
         """The shortest plan found that satisfies all these goals; it has at least `least_edits` edits."""
-        goal = ProgramGoal(tuple((each.program, each.target) for each in required))
         budget = Budget(self._share())
         try:
-            reachability = self.search.reachability(goal, self.scene)
-            if reachability is not None:
-                return self._by_class(reachability, least_edits, budget)
+            if all(self.search.is_abstractable(goal.program) for goal in required):
+                return self._by_class(required, least_edits, budget)
         except _NoRefinementError:
             pass
         except BudgetExhaustedError:
@@ -159,17 +156,17 @@ class WeightedPlanner:
                 return None
         finally:
             self.budget.spend(budget.spent)
-        budget = Budget(self._share())
-        solution = self.search.solve(goal, self.scene, self.max_edits, budget)
-        self.budget.spend(budget.spent)
-        return self._candidate(solution.actions[:-1]) if solution.solved else None
+        return self._by_solving(required)
 
     def _share(self) -> int:
         """The budget of one search: all that is left for a single goal, else a fraction."""
         return self.budget.left // (1 if len(self._goals) == 1 else BUDGET_DIVISOR)
 
-    def _by_class(self, reachability: Reachability, least_edits: int, budget: Budget) -> _Candidate | None:
+    def _by_class(self, required: Sequence[WeightedGoal], least_edits: int, budget: Budget) -> _Candidate | None:
         """Raises BudgetExhaustedError, and _NoRefinementError where only geometry rules out the nearest goals."""
+        programs = tuple(dict.fromkeys(goal.program for goal in required))
+        targets = sum(1 << programs.index(goal.program) for goal in required if goal.target)
+        reachability = self.search.reachability(programs, targets, self.scene)
         failed = False
         max_edits = min(self.max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self.max_edits
         for edit_count in range(least_edits, max_edits + 1):
@@ -185,6 +182,15 @@ class WeightedPlanner:
             if failed:
                 raise _NoRefinementError
         return None
+
+    def _by_solving(self, required: Sequence[WeightedGoal]) -> _Candidate | None:
+        """Solves the conjunction of the goals as a task."""
+        budget = Budget(self._share())
+        targets = tuple((goal.program, goal.target) for goal in required)
+        task = Task("", "", *targets[0], self.scene, ProgramGoal(targets))
+        solution = self.search.solve(State(task, self.scene, 0), self.max_edits, budget)
+        self.budget.spend(solution.scenes)
+        return self._candidate(solution.actions[:-1]) if solution.solved else None
 
 
 _NO_PLAN = _Candidate((), frozenset(), 0.0)
