@@ -16,9 +16,10 @@ from typing import cast
 import numpy as np
 
 from lilgym_mp.programs import syntax
+from lilgym_mp.programs.canonical import ATTRIBUTE_TESTS
 from lilgym_mp.programs.values import BoxView, ItemView, Side
-from lilgym_mp.programs.words import Word
-from lilgym_mp.scene import Box, Item
+from lilgym_mp.programs.words import WORDS, Word
+from lilgym_mp.scene import Box
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver.canonical_items import canonical_items
 
@@ -99,11 +100,11 @@ def _features(node: syntax.Node) -> Iterator[_Feature]:
 def _word_features(word: Word, node: syntax.Call | syntax.WordName) -> Iterator[_Feature]:
     attribute = next((name for name in ATTRIBUTES if name in word.name), None)
     if word.group == "attributes" and attribute is not None:
-        value = node.arguments[1] if isinstance(node, syntax.Call) and word.name.startswith("filter") else None
-        if isinstance(value, syntax.Constant):
-            yield _equality_feature(attribute, cast("Enum", value.value))
-        else:
-            yield _attribute_feature(attribute)
+        match node:
+            case syntax.Call(arguments=(_, syntax.Constant(value=Enum() as value))) if value in ATTRIBUTE_TESTS:
+                yield _predicate_feature(syntax.call(WORDS[ATTRIBUTE_TESTS[value]], syntax.Variable("x")))
+            case _:
+                yield _attribute_feature(attribute)
         if word.name.startswith("query"):
             yield _BoxFeature.ORDER
     elif isinstance(node, syntax.Call) and _is_item_test(word) and _has_constant_sides(node):
@@ -197,14 +198,4 @@ def _item_test_values(word: Word, sides: tuple[Side | None, ...]) -> BoolArray:
 
 @lru_cache
 def _attribute_feature(name: str) -> ItemFeature:
-    return ItemFeature(_field_values(name))
-
-
-@lru_cache
-def _equality_feature(name: str, value: Enum) -> ItemFeature:
-    return ItemFeature((_field_values(name) == value.value).astype(np.int64))
-
-
-def _field_values(name: str) -> Int64Array:
-    field = Item._fields.index(ATTRIBUTES[name])
-    return np.array([item[field] for item in canonical_items()])
+    return ItemFeature(np.array([getattr(item, ATTRIBUTES[name]) for item in canonical_items()]))

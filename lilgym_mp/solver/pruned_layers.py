@@ -11,7 +11,6 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.envs.fast import box_functions
 from lilgym_mp.programs.values import BoxView
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Colour, Shape, Size
@@ -66,35 +65,24 @@ class SuccessorGenerator:
 
 def heuristic_signature(features: ProgramFeatures, classes: ItemClasses, box: Box) -> Hashable:
     """The likely inputs of a program from a box: each item's class and size, and the classes of related items."""
+    view = BoxView(box)
     item_classes = [classes.of(item) for item in box.items]
     sizes = [item.size for item in box.items]  # they limit what can be placed next to an item
-    try:
-        relations = [_relation_values(word, box, item_classes) for word in features.relations]
-    except box_functions.FallbackError:  # the box has too many items
-        return box.items
+    relations = [_relation_values(word, view, item_classes) for word in features.relations]
     rows = list(zip(item_classes, sizes, *relations, strict=True))
-    is_tower = features.tests_towers and box_functions.is_tower(box)
+    is_tower = features.tests_towers and view.is_tower()
     return (is_tower, tuple(rows if features.order_matters else sorted(rows)))
 
 
-def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
+def _relation_values(word: Word, box: BoxView, item_classes: list[int]) -> list[Any]:
     """For each item: the classes of the items that the word relates to it, or its value; else the item's position."""
-    if word.depends_on == "box" and word.parameters[0].type.mapped:
-        masks = box_functions.vectorised_relation(word)(box)
-        rows = range(len(item_classes))
-        return [tuple(sorted(item_classes[other] for other in rows if masks[row] >> other & 1)) for row in rows]
     types = [parameter.type.name for parameter in word.parameters]
-    if word.depends_on == "box" and types == ["item"]:
-        mask = box_functions.vectorised_test(word, ())(box)
-        return [mask >> position & 1 for position in range(len(item_classes))]
     if types == ["item", "item"]:
-        return _related_classes(word, box, item_classes)
-    return [(item.x, item.y) for item in box.items]
-
-
-def _related_classes(word: Word, box: Box, item_classes: list[int]) -> list[Any]:
-    """For each item: the classes of the other items with which it satisfies a binary predicate."""
-    members = BoxView(box).members
-    return [
-        tuple(sorted(item_classes[y.index] for y in members if y is not x and word.function(x, y))) for x in members
-    ]
+        related = [[y for y in box if y is not x and word.function(x, y)] for x in box]
+    elif word.depends_on == "box" and word.parameters[0].type.mapped:
+        related = map(word.function, box)
+    elif word.depends_on == "box" and types == ["item"]:
+        return list(map(word.function, box))
+    else:
+        return [(item.left, item.top) for item in box]
+    return [tuple(sorted(item_classes[other.index] for other in others)) for others in related]

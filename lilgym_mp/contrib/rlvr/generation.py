@@ -134,9 +134,8 @@ def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task)
             continue
         state = State(task, scene, 0)
         solution = solver.solve_distant(state, min_edits)
-        edits = min(solution.least_edits, dynamics.horizon - 1)  # no goal within the horizon counts as at its end
-        if edits >= distance:
-            near, distance = scene, edits
+        if solution.least_edits >= distance:
+            near, distance = scene, solution.least_edits
         ways: list[tuple[Scene, int]] = []  # scenes at least two edits from the goal, with the actions left
         for index, action in enumerate(solution.actions[:-2]):
             if solution.steps - index in lengths:
