@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 from lilgym_mp.envs.rules import Dynamics, State
@@ -47,7 +48,7 @@ class Solver:
             raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
-        self._action_sets: dict[Hashable, ActionSet] = {}  # by goal, scene and edits left
+        self._first_actions = lru_cache(CACHE_SIZE)(self._find_first_actions)
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
@@ -73,27 +74,19 @@ class Solver:
         reachability = self._reachability(state)
         if reachability is None:
             return not_found(0, budget)
-        try:
+        with suppress(BudgetExhaustedError):
             for edits in range(self._max_edits(state) + 1):
                 for goal in reachability.goals_at(edits, budget):
                     found = reachability.edits_to(goal, budget) if edits >= min_edits else None
                     return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
-        except BudgetExhaustedError:
-            pass
         return not_found(edits, budget)
 
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError if no action is left."""
-        max_edits = self._max_edits(state)
-        key = (state.task.goal, state.scene, max_edits)
-        found = self._action_sets.get(key)
-        if found is None:
-            if len(self._action_sets) >= CACHE_SIZE:
-                del self._action_sets[next(iter(self._action_sets))]
-            found = self._action_sets[key] = self._first_actions(state, max_edits, Budget(self.budget))
-        return found
+        return self._first_actions(state)
 
-    def _first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+    def _find_first_actions(self, state: State) -> ActionSet:
+        max_edits, budget = self._max_edits(state), Budget(self.budget)
         if state.task.solved_by(state.scene):
             return ActionSet((self.dynamics.appearance.encode(STOP),), complete=True, steps=1)
         reachability = self._reachability(state) if self._search.is_exhaustive else None

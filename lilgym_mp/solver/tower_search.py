@@ -6,6 +6,7 @@ serve every task. Only the program remains to be evaluated, scene by scene, near
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache, partial
@@ -95,7 +96,7 @@ class TowerSearch:
         """A solution with that many edits, given that no solution has fewer."""
         layers = self._layers(state.scene)
         goal = next(goals_at(edits, layers, state.task.solved_by, budget), None)
-        return None if goal is None else [edit for path in _paths(layers, goal) for edit in path]
+        return None if goal is None else [*itertools.chain(*map(_path, layers, goal.boxes, range(BOX_COUNT)))]
 
     def _solution_by_class(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
         """The same by box classes, where boxes are interchangeable."""
@@ -112,7 +113,8 @@ class TowerSearch:
         with suppress(BudgetExhaustedError):
             for edits in range(1, max_edits + 1):
                 goals = goals_at(edits, layers, state.task.solved_by, budget)
-                found = {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
+                paths = (path for goal in goals for path in map(_path, layers, goal.boxes, range(BOX_COUNT)))
+                found = {self._tower.encode(path[0]) for path in paths if path}
                 if found:
                     return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
             return ActionSet((), complete=True, steps=0)
@@ -128,11 +130,6 @@ class TowerSearch:
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
-
-
-def _paths(layers: list[Layers[BoxEdit]], goal: Scene) -> list[tuple[BoxEdit, ...]]:
-    """The edits of each box that lead to the goal."""
-    return [_path(layers[index], goal.boxes[index], index) for index in range(BOX_COUNT)]
 
 
 def _path(layers: Layers[BoxEdit], after: Box, index: int) -> tuple[BoxEdit, ...]:
