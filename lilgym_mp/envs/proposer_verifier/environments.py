@@ -9,7 +9,6 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult, role_of
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
@@ -61,8 +60,6 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         elif action is not None and not self.engine.game.turn_based:
             self._pending = self.engine.game.checked_action(Role.PROPOSER, action)
             self._clear_rewards()
-            for info in self.infos.values():
-                info |= dict.fromkeys(info.keys() & {UNCHANGED_REWARD}, 0.0)
             self.agent_selection = AGENTS[Role.VERIFIER]
         else:
             self._update(self.engine.step(action, None))
