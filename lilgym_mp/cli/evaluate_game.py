@@ -67,7 +67,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
 
 
 def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameSettings]:
-    """The games to play: that of the runs, or one for each protocol and configuration."""
+    """The games to play, one for each configuration: that of the runs, or each protocol."""
     given = {**given_environment(args), "split": args.split}
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
     if not own:
@@ -80,7 +80,8 @@ def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameS
         expected, value = getattr(own[first], name), getattr(own[other], name)
         if expected != value and name not in MAY_DIFFER:
             raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
-    return [replace(own[first], **given)]
+    names = args.configuration or [own[first].configuration]
+    return [replace(own[first], configuration=name, **given) for name in names]
 
 
 def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool) -> list[tuple[Player, Player]]:

@@ -88,6 +88,15 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
     assert results(file).keys() == pairs
 
 
+def test_run__plays_the_requested_configurations(tmp_path: Path, runs: dict[str, Any]):
+    runs["a"] = Trained("builtin")  # on TowerScratch
+    file = tmp_path / "results.json"
+    names = ["TowerFlipIt", "TowerScratch"]
+    assert main(["evaluate", "a", "--configuration", *names, "--out", str(file)]) == 0
+    entries = json.loads(file.read_text())["results"]
+    assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == names
+
+
 def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, own: str, runs: dict[str, Trained]):
     runs |= {"a": Trained(own), "b": Trained(own)}
     file = tmp_path / "results.json"
