@@ -48,7 +48,6 @@ class Solver:
             raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
-        self._first_actions = lru_cache(CACHE_SIZE)(self._find_first_actions)
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
@@ -81,11 +80,9 @@ class Solver:
                     return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
         return not_found(edits, budget)
 
+    @lru_cache(CACHE_SIZE)  # noqa: B019 (of the class, so that solvers can be pickled)
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError if no action is left."""
-        return self._first_actions(state)
-
-    def _find_first_actions(self, state: State) -> ActionSet:
         max_edits, budget = self._max_edits(state), Budget(self.budget)
         if state.task.solved_by(state.scene):
             return ActionSet((self.dynamics.appearance.encode(STOP),), complete=True, steps=1)

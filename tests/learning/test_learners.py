@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -101,8 +102,11 @@ def test_shipped_agents__are_opened_by_name_and_play(name: str, kind: str, confi
     agent, settings = open_agent(Path(name), "cpu"), EnvConfig(configuration)
     assert agent.description.kind == kind
     tasks = load_tasks("builtin", settings.appearance, settings.start, "dev").ids[:24]
-    episodes = evaluate(agent.policy(settings), settings, "dev", task_ids=tasks)
+    policy = agent.policy(settings)
+    episodes = evaluate(policy, settings, "dev", task_ids=tasks)
     assert fmean(episode.is_success for episode in episodes) > 0.5  # random legal actions: at most 0.21
+    copy = pickle.loads(pickle.dumps(policy))  # as for another process
+    assert evaluate(copy, settings, "dev", task_ids=tasks) == episodes
 
 
 def test_shipped_agents__are_small_and_listed_for_an_unknown_one() -> None:

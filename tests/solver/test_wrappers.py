@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -118,3 +119,10 @@ def test_reverse_curriculum__refuses_batches_of_scatter(make_batch: Callable[[st
 def test_reverse_curriculum__needs_a_whole_number_of_edits(make: Make, edits: int):
     with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
         ReverseCurriculum(make("TowerScratch"), edits)
+
+
+def test_potential_shaping__can_be_pickled(make: Make):
+    env = PotentialShaping(make("TowerFlipIt"))
+    env.reset(seed=0)
+    copy = pickle.loads(pickle.dumps(env))
+    assert copy.step(ADD_LEFT_YELLOW)[1] == env.step(ADD_LEFT_YELLOW)[1]

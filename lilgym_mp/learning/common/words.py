@@ -38,13 +38,10 @@ class StatementTokenizer:
         names = [colour.name.lower() for colour in Colour]
         exchanges = [{name: recolouring.text(name) for name in names} for recolouring in RECOLOURINGS]
         self._recoloured = exchange_table(vocabulary, exchanges)
-        self._encode = lru_cache(CACHED_STATEMENTS)(self._compute)
 
+    @lru_cache(CACHED_STATEMENTS)  # noqa: B019 (of the class, so that tokenizers can be pickled)
     def encode(self, statement: str) -> Int64Array:
         """(T,) word indices, 1 <= T <= MAX_WORDS."""
-        return self._encode(statement)
-
-    def _compute(self, statement: str) -> Int64Array:
         words = normalised_words(statement[:MAX_CHARACTERS], self._known)[:MAX_WORDS]
         return np.array([self.vocabulary.token_id(word) for word in words] or [UNKNOWN], np.int64)
 

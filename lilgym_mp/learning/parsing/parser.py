@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any, NamedTuple
 
 import torch
@@ -172,7 +172,7 @@ class Parser:
 
     def __post_init__(self) -> None:
         self._known = frozenset(self.vocabulary.symbols)
-        self._parsed = lru_cache(MAX_CACHED_STATEMENTS)(self._parse)
+        self._parses: dict[tuple[str, str], Parse] = {}
 
     def parse(self, statement: str, appearance: str) -> Parse:
         """The candidate programs of any text, the most probable first; for an empty one, the most common programs.
@@ -180,8 +180,13 @@ class Parser:
         `appearance`: "tower" or "scatter". Words are corrected first (`lilgym_mp.corpus.spelling`), and each word that
         stays unknown multiplies the probabilities by UNKNOWN_FACTOR. Equal texts are parsed once.
         """
-        with torch_threads(1):  # networks as small as this run slower on several
-            return self._parsed(statement, appearance)
+        key = statement, appearance
+        if key not in self._parses:
+            if len(self._parses) >= MAX_CACHED_STATEMENTS:
+                self._parses.clear()
+            with torch_threads(1):  # networks as small as this run slower on several
+                self._parses[key] = self._parse(statement, appearance)
+        return self._parses[key]
 
     def _parse(self, statement: str, appearance: str) -> Parse:
         normalised = normalise_statement(statement, appearance, self._known)
