@@ -21,10 +21,12 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.learning.common.factored_policy import Factorisation, slot_factorisation
 from lilgym_mp.learning.common.model import Model, Prediction, WeightsError
 from lilgym_mp.learning.common.model_file import weights_digest
-from lilgym_mp.learning.common.states import IMAGE_SHAPE, States
+from lilgym_mp.learning.common.states import IMAGE_SHAPE, PITCH, SIDE, States
 from lilgym_mp.learning.ppo.learner import FINE_TUNED
+from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.render.drawing import SEPARATOR_RGB
 
 ARCHITECTURES = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
 MAX_INTENSITY = 255.0
@@ -114,7 +116,7 @@ class PretrainedModel(Model):
     heads: Heads | None
     critic: nn.Module | None
 
-    def features(self, states: States) -> Tensor:
+    def features(self, states: Any) -> Tensor:
         """(N, width)."""
         raise NotImplementedError
 
@@ -122,7 +124,7 @@ class PretrainedModel(Model):
         """The features that the policy heads read."""
         return features
 
-    def forward(self, states: States) -> Prediction:
+    def forward(self, states: Any) -> Prediction:
         features = self.features(states)
         values = features.new_zeros(len(features)).float()
         if self.critic is not None:
@@ -145,10 +147,18 @@ class Heads(nn.Module):
         return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
 
 
-def _pixels(states: States, device: torch.device) -> tuple[Tensor, Tensor]:
-    """(V, 3, 50, 190) distinct images, channels last in memory, from 0 to 1, and (N,) that of each state."""
-    images, image_of = (torch.from_numpy(array).to(device) for array in states.images())
-    return images.permute(0, 3, 1, 2).float() / MAX_INTENSITY, image_of
+def scene_images(states: States, device: torch.device) -> tuple[Tensor, Tensor]:
+    """(V, 50, 190, 3) the distinct half-size images, assembled from their boxes, and (N,) that of each state."""
+    boxes, scenes, image_of = (torch.from_numpy(array).to(device) for array in (states.boxes(), *states.scenes()))
+    images = boxes.new_tensor(SEPARATOR_RGB).repeat(len(scenes), *IMAGE_SHAPE[:2], 1)
+    for box in range(BOX_COUNT):
+        images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[scenes[:, box]]
+    return images, image_of
+
+
+def _floats(images: Tensor) -> Tensor:
+    """(V, 3, 50, 190), channels last in memory, from 0 to 1."""
+    return images.permute(0, 3, 1, 2).float() / MAX_INTENSITY
 
 
 # C3+BERT and C10+BERT
@@ -232,6 +242,8 @@ class ConvolutionsAndBert(PretrainedModel):
     With both, actor and critic share the convolutions and the target embedding, as in the release.
     """
 
+    has_fixed_inputs = True
+
     def __init__(
         self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
         *, has_actor: bool, has_critic: bool,
@@ -249,12 +261,21 @@ class ConvolutionsAndBert(PretrainedModel):
         self.heads = Heads(JOINED, self.factorisation) if has_actor else None
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
-    def features(self, states: States) -> Tensor:
+    def inputs(self, states: States) -> tuple[Tensor, ...]:
+        """(V, 50, 190, 3) images, (N, width) statement vectors, (N,) targets, and (N,) the image of each state."""
         device = self.target.weight.device
-        images, image_of = _pixels(states, device)
         statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
-        vectors = self._encoder.vectors(states.statements, device)[statement_of]
-        return torch.cat((self.image(self.convolutions(images))[image_of], vectors, self.target(targets)), 1)
+        images, image_of = scene_images(states, device)
+        return images, self._encoder.vectors(states.statements, device)[statement_of], targets, image_of
+
+    def fixed_inputs(self, states: States) -> tuple[Tensor, ...]:
+        images, vectors, targets, image_of = self.inputs(states)
+        return images[image_of], vectors, targets
+
+    def features(self, states: tuple[Tensor, ...]) -> Tensor:
+        images, vectors, targets, *image_of = states
+        seen = self.image(self.convolutions(_floats(images)))
+        return torch.cat((seen[image_of[0]] if image_of else seen, vectors, self.target(targets)), 1)
 
     def acting(self, features: Tensor) -> Tensor:
         assert self.actor is not None
@@ -306,8 +327,8 @@ class Transformer(nn.Module):
             size, most_tokens = [count * config.patch_size for count in VILT_PATCHES], config.max_position_embeddings
         else:
             size, most_tokens = [config.image_config.image_size] * 2, config.text_config.max_position_embeddings
-        images, image_of = _pixels(states, device)
-        images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)[image_of]
+        images, image_of = scene_images(states, device)
+        images = F.interpolate(_floats(images), size=size, mode="bilinear", align_corners=False)[image_of]
         mean, deviation = torch.tensor(VILT_COLOURS if self.is_vilt else FLAVA_COLOURS, device=device)[..., None, None]
         texts = [  # the statement, the target token, then True or False: ViLT's input in the release
             f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"

@@ -151,7 +151,7 @@ class FactoredPolicy:
         for head, logits, chosen in self._head_choices(actions):
             log_prob, head_entropy = log_prob_and_entropy(logits, chosen)
             log_probs.append(log_prob)
-            entropy = entropy + probabilities[:, list(head.types)].sum(1) * head_entropy
+            entropy = entropy + sum(probabilities[:, int(used)] for used in head.types) * head_entropy
         return self._action_log_probs(actions, log_probs), entropy
 
     def log_prob(self, actions: Tensor) -> Tensor:

@@ -10,7 +10,6 @@ import numpy as np
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
 from lilgym_mp.scene.render import draw, image_shape
-from lilgym_mp.scene.render.drawing import SEPARATOR_RGB
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
 SIDE = IMAGE_SHAPE[0]  # side of a box in pixels
@@ -38,14 +37,10 @@ class States(NamedTuple):
         cut = self.patches[self.patches_of].reshape(-1, PATCHES, PATCHES, PATCH, PATCH, 3)
         return cut.transpose(0, 1, 3, 2, 4, 5).reshape(-1, SIDE, SIDE, 3)
 
-    def images(self) -> tuple[UInt8Array, Int64Array]:
-        """(V, 50, 190, 3) the distinct half-size images, assembled from their boxes, and (N,) that of each state."""
-        scenes, image_of = np.unique(self.boxes_of, axis=0, return_inverse=True)
-        images = np.full((len(scenes), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
-        boxes = self.boxes()
-        for box in range(BOX_COUNT):
-            images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[scenes[:, box]]
-        return images, image_of.reshape(-1)  # NumPy 2.0.0 has (N, 1)
+    def scenes(self) -> tuple[Int64Array, Int64Array]:
+        """(V, 3) box indices of the distinct scenes, and (N,) that of each state."""
+        scenes, scene_of = np.unique(self.boxes_of, axis=0, return_inverse=True)
+        return scenes, scene_of.reshape(-1)  # NumPy 2.0.0 has (N, 1)
 
 
 class BoxImageTable:

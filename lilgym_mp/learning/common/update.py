@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -117,7 +117,7 @@ def mini_batches(
 
 
 def losses(
-    recipe: UpdateRecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float
+    recipe: UpdateRecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float | Tensor
 ) -> Losses:
     """The losses of a mini-batch, from the current policy and values and the transitions they were trained on."""
     log_probabilities, entropies = policy.evaluate_actions(old.actions)
@@ -137,7 +137,7 @@ def policy_loss(log_ratios: Tensor, advantages: Tensor, *, clip: float, capped: 
     Clipping alone does not bound r A for negative A and large r, as for a forced STOP whose advantage became negative
     by centring. The cap does; beyond it the gradient is 0.
     """
-    limit = torch.where(capped, float(np.log(ratio_cap)), torch.inf).to(log_ratios.dtype)
+    limit = torch.full_like(log_ratios, torch.inf).masked_fill(capped, float(np.log(ratio_cap)))
     ratios = torch.minimum(log_ratios, limit).exp()
     return -torch.minimum(ratios * advantages, ratios.clamp(1 - clip, 1 + clip) * advantages).mean()
 
@@ -187,9 +187,13 @@ def mean_losses(parts: list[Losses]) -> Losses:
 def make_optimiser(model: nn.Module, recipe: UpdateRecipe) -> torch.optim.Optimizer:
     """The recipe's optimiser of the parameters that require gradients."""
     trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
+    # On CUDA in a form that CUDA graphs can capture, with the learning rate on the device.
+    on_cuda = trained[0].is_cuda
+    rate = torch.tensor(recipe.learning_rate, device=trained[0].device) if on_cuda else recipe.learning_rate
+    options: dict[str, Any] = {"fused": True, "capturable": on_cuda}
     if recipe.optimiser == "adamw":  # the release's, with torch's weight decay
-        return torch.optim.AdamW(trained, recipe.learning_rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, fused=True)
-    return torch.optim.Adam(trained, recipe.learning_rate, eps=1e-5, fused=True)
+        return torch.optim.AdamW(trained, rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, **options)
+    return torch.optim.Adam(trained, rate, eps=1e-5, **options)
 
 
 def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float) -> float:
@@ -198,6 +202,7 @@ def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float
     left = 1 - done
     decay = {"constant": 1.0, "linear": left, "cosine": 0.5 * (1 - math.cos(math.pi * left))}[recipe.schedule]
     warm_up = min(1.0, (done or recipe.warmup / 10) / recipe.warmup) if recipe.warmup else 1.0  # above 0 at first
+    rate = recipe.learning_rate * decay * warm_up
     for group in optimiser.param_groups:
-        group["lr"] = recipe.learning_rate * decay * warm_up
+        group["lr"] = group["lr"].fill_(rate) if isinstance(group["lr"], Tensor) else rate
     return recipe.entropy + (recipe.final_entropy - recipe.entropy) * done

@@ -127,7 +127,7 @@ class RolloutCollector:
             decided = {"actions": actions, "log_probabilities": log_probabilities, "values": values, "forced": forced}
             collected.append({**observed, **decided, "legal": legal, "rewards": rewards, "ended": ended})
         with torch.no_grad():
-            last_values = as_numpy(model(self._observe(table)[1]).values)
+            last_values = as_numpy(policy_and_values(model, self._observe(table)[1], None)[1])
         columns = {name: [step[name] for step in collected] for name in collected[0]}
         arrays: dict[str, Any] = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
         return Rollout(table=table, statements=self._sampler.statements, last_values=last_values, **arrays)
@@ -175,6 +175,6 @@ class RolloutCollector:
 
 def policy_and_values(model: Model, states: States, legal: BoolArray | None) -> tuple[FactoredPolicy, torch.Tensor]:
     """The policy, masked if `legal` (N, actions) is given, and the values (N,)."""
-    prediction = model(states)
+    prediction = model(model.inputs(states))
     mask = None if legal is None else torch.from_numpy(legal).to(prediction.types.device)
     return FactoredPolicy(model.factorisation, prediction.types, prediction.heads, mask), prediction.values

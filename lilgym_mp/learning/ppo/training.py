@@ -33,6 +33,7 @@ from lilgym_mp.learning.common.update import (
     update,
 )
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe, make_model
+from lilgym_mp.learning.ppo.cuda_graphs import GraphedModel, GraphedUpdate, can_use_graphs
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
@@ -117,6 +118,11 @@ class Run(TrainingRun):
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._collector = RolloutCollector(settings, recipe, self.tasks)
+        use_graphs = can_use_graphs(self.model, recipe, self.device)
+        self._actor = GraphedModel(self.model, self._precision) if use_graphs else self.model
+        self._graphed_update = (
+            GraphedUpdate(self.model, self._optimiser, recipe, self._precision) if use_graphs else None
+        )
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         self.curve = LearningCurve(settings, recipe, evaluate_every, self.files) if evaluate_every else None
         self.parts = {"network": self.model, "optimiser": self._optimiser}
@@ -160,10 +166,15 @@ class Run(TrainingRun):
         entropy_coefficient = schedule(self._optimiser, self.recipe, self.progress())
         self.model.eval()
         with self._precision():
-            rollout = self._collector.collect(self.model, self._rng)
+            rollout = self._collector.collect(self._actor, self._rng)
         self.model.train()
         self.model.clear_cache()
-        losses = update(self._experience(rollout), self._optimiser, self.recipe, entropy_coefficient, self._rng)
+        experience = self._experience(rollout)
+        if self._graphed_update:
+            states = rollout.states(np.arange(self.recipe.rollout))
+            losses = self._graphed_update(states, experience, entropy_coefficient, self._rng)
+        else:
+            losses = update(experience, self._optimiser, self.recipe, entropy_coefficient, self._rng)
         counters.steps += self.recipe.rollout
         counters.updates += len(losses)
         progress = self._progress(mean_losses(losses), start_seconds)

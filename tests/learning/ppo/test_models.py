@@ -12,12 +12,14 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from lilgym_mp.contrib.pretrained import scene_images
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import WeightsError
 from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.ppo import training
 from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
@@ -40,7 +42,7 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
     states, images = seen(name, 40)
-    distinct, image_of = states.images()
+    distinct, image_of = (tensor.numpy() for tensor in scene_images(states, torch.device("cpu")))
     assert (distinct[image_of] == images).all()
     assert len(np.unique(distinct.reshape(len(distinct), -1), axis=0)) == len(distinct)
     for rows in (states.boxes().reshape(len(states.box_hashes), -1), states.patches):
@@ -192,6 +194,25 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     played = [evaluate(each.policy(settings), settings, "dev") for each in (agent, again)]
     assert played[0] == played[1]
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
+
+
+def test_cuda_graphs__train_as_without_them(
+    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+):
+    """On CUDA with graphs, elsewhere by the same functions without capturing them."""
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    weights: list[dict[str, torch.Tensor]] = []
+    for use_graphs in (True, False):
+        monkeypatch.setattr(training, "can_use_graphs", lambda *_, answer=use_graphs: answer)
+        settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
+        recipe = PPORecipe.of(
+            "TowerScratch", "paper", model="c3-bert", stop_forcing=True, reduced_precision=False, envs=4, rollout=16,
+            batch_size=8, epochs=2, held_out=0.0,
+        )  # fmt: skip
+        train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
+        weights.append(load_file(out / "agent.safetensors"))
+    for name, tensor in weights[0].items():
+        torch.testing.assert_close(tensor, weights[1][name], atol=1e-5, rtol=1e-4)
 
 
 @pytest.mark.parametrize("capability", ["AVX2", "AVX512"])

@@ -1,0 +1,135 @@
+"""PPO's predictions and updates as CUDA graphs, for networks whose inputs have fixed shapes.
+
+A small network's kernels take longer to launch than to execute, and the paper's recipe makes 320 updates of 64 states
+a rollout. A CUDA graph launches all kernels of a prediction or of an update at once. On CPUs the same functions are
+called without graphs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.model import Model, Prediction
+from lilgym_mp.learning.common.optimisation import check_finite
+from lilgym_mp.learning.common.states import States
+from lilgym_mp.learning.common.update import Experience, Losses, Transitions, losses, mean_losses, mini_batches
+from lilgym_mp.learning.ppo.learner import PPORecipe
+
+CALLS_BEFORE_CAPTURE = 3  # without a graph: they initialise libraries and the optimiser
+
+
+class Graphed:
+    """A function of tensors of fixed shapes, captured on CUDA and then replayed. A call overwrites earlier outputs."""
+
+    def __init__(self, function: Callable[..., tuple[Tensor, ...]]) -> None:
+        self._function, self._calls = function, 0
+        self._inputs: tuple[Tensor, ...] = ()
+        self._given: tuple[Tensor, ...] = ()  # at the latest call
+        self._graph: Any = None
+        self._outputs: tuple[Tensor, ...] = ()
+
+    def __call__(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """An input that is the same object as at the call before must have the same values."""
+        if inputs[0].device.type != "cuda":
+            return self._function(*inputs)
+        if not self._inputs:
+            self._inputs, self._given = tuple(given.clone() for given in inputs), inputs
+        for own, given, before in zip(self._inputs, inputs, self._given, strict=True):
+            if given is not before:
+                own.copy_(given)
+        self._given, self._calls = inputs, self._calls + 1
+        if self._calls <= CALLS_BEFORE_CAPTURE:  # as torch requires, on another stream
+            stream, current = torch.cuda.Stream(), torch.cuda.current_stream()
+            stream.wait_stream(current)
+            with torch.cuda.stream(stream):
+                outputs = self._function(*self._inputs)
+            current.wait_stream(stream)
+            return outputs
+        if self._graph is None:
+            self._graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(self._graph):
+                self._outputs = self._function(*self._inputs)
+        self._graph.replay()
+        return self._outputs
+
+
+def can_use_graphs(model: Model, recipe: PPORecipe, device: torch.device) -> bool:
+    """Whether all mini-batches have the same shapes, and CUDA is used."""
+    even = not recipe.microbatch and recipe.rollout % recipe.batch_size == 0
+    return device.type == "cuda" and model.has_fixed_inputs and even and not recipe.mask
+
+
+class GraphedModel(Model):
+    """Predictions of a model for always the same number of states, on the CPU."""
+
+    def __init__(self, model: Model, precision: Callable[[], AbstractContextManager[Any]]) -> None:
+        super().__init__()
+        self.factorisation, self._model, self._precision = model.factorisation, model, precision
+        self._predict = Graphed(self._prediction)
+
+    def forward(self, states: States) -> Prediction:
+        (joined,) = self._predict(*self._model.fixed_inputs(states))
+        types, *heads, values = joined.cpu().split(self._sizes, 1)
+        return Prediction(types, tuple(heads), values.squeeze(1))
+
+    def _prediction(self, *inputs: Tensor) -> tuple[Tensor]:
+        torch.clear_autocast_cache()  # a graph must not contain copies of earlier weights
+        with torch.no_grad(), self._precision():
+            types, heads, values = self._model(inputs)
+        parts = [types, *heads, values[:, None]]
+        self._sizes = [part.shape[1] for part in parts]
+        return (torch.cat(parts, 1),)
+
+
+class GraphedUpdate:
+    """`update`, with the mini-batches of a rollout gathered on the device."""
+
+    def __init__(
+        self,
+        model: Model,
+        optimiser: torch.optim.Optimizer,
+        recipe: PPORecipe,
+        precision: Callable[[], AbstractContextManager[Any]],
+    ) -> None:
+        self._model, self._optimiser, self._recipe, self._precision = model, optimiser, recipe, precision
+        self._step = Graphed(self._optimise)
+
+    def __call__(
+        self, states: States, experience: Experience, entropy_coefficient: float, rng: np.random.Generator
+    ) -> list[Losses]:
+        """The losses of each update on a rollout's states. Raises TrainingRunError."""
+        recipe, columns = self._recipe, (*self._model.fixed_inputs(states), *experience.transitions)
+        entropy = columns[0].new_full((), entropy_coefficient, dtype=torch.float32)
+        steps: list[Tensor] = []
+        for _ in range(recipe.epochs):
+            batches = mini_batches(
+                experience.statement_of, recipe.batch_size, rng, by_statement=recipe.same_statement > 1
+            )
+            for rows in torch.from_numpy(np.stack(list(batches))).to(entropy.device):
+                steps.append(torch.stack(self._step(entropy, rows, *columns)))
+        found = [Losses(*step) for step in torch.stack(steps).cpu()]
+        mean = mean_losses(found)
+        check_finite(mean.total, policy=mean.policy, value=mean.value)
+        return found
+
+    def _optimise(self, entropy_coefficient: Tensor, rows: Tensor, *columns: Tensor) -> tuple[Tensor, ...]:
+        *inputs, actions, log_probabilities, values, advantages, returns, forced = (column[rows] for column in columns)
+        old = Transitions(actions, log_probabilities, values, advantages, returns, forced)
+        self._optimiser.zero_grad()
+        with self._precision():
+            types, heads, values = self._model(tuple(inputs))
+        loss = losses(
+            self._recipe, FactoredPolicy(self._model.factorisation, types, heads), values, old, entropy_coefficient
+        )
+        loss.total.backward()
+        parameters = [parameter for group in self._optimiser.param_groups for parameter in group["params"]]
+        nn.utils.clip_grad_norm_(parameters, self._recipe.gradient_norm)
+        self._optimiser.step()
+        return loss._replace(total=loss.total.detach())
