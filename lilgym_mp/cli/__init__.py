@@ -36,7 +36,6 @@ EXTRAS = {  # by package
     **dict.fromkeys(("stable_baselines3", "sb3_contrib"), "sb3"),
     **dict.fromkeys(("fastapi", "starlette", "uvicorn", "pydantic", "anyio"), "web"),
     **dict.fromkeys(("jinja2", "matplotlib"), "report"),
-    "ray": "ray",
 }
 
 

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
-from lilgym_mp.cli.experiment_runs import EPISODES, RUNS, RunStatus, make_attempts, run_locally
+from lilgym_mp.cli.experiment_runs import EPISODES, RUNS, RunStatus, execute, make_attempts
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.episodes import read_episodes
@@ -69,7 +69,7 @@ def _train(args: argparse.Namespace, directory: Path) -> None:
             left = [attempt.fraction_done or 0.0 for attempt in attempts if attempt.status is not RunStatus.FINISHED]
             progress.reach(int(100 * min(left, default=1.0)))
 
-        run_locally(attempts, len(attempts), show, poll_seconds=0.2)
+        execute(attempts, len(attempts), show, poll_seconds=0.2)
     for attempt in attempts:
         if attempt.status is not RunStatus.FINISHED:
             raise CommandError(f"training {attempt.planned.name} failed: {attempt.error} (see {attempt.log})")

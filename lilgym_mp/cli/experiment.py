@@ -31,12 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"results directory (default: {RESULTS}/FILE)")
-    parser.add_argument("--jobs", type=int, metavar="N", help="parallel runs on this machine (default: 1)")
-    parser.add_argument(
-        "--ray",
-        metavar="ADDRESS",
-        help='execute on the Ray cluster at ADDRESS, one CPU per run ("auto": the cluster of this machine)',
-    )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="parallel runs (default: 1)")
     parser.add_argument("--list", action="store_true", help="print the commands without running them")
     parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
     parser.add_argument(
@@ -46,13 +41,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
-    from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, make_attempts, run_locally, run_on_ray
+    from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, execute, make_attempts
     from lilgym_mp.envs.machine import usable_cores
 
     check_at_least(args, 1, "jobs")
-    jobs = args.jobs or 1
-    if args.ray is not None and args.jobs is not None:
-        raise CommandError("--jobs is for runs on this machine; with --ray, the cluster's CPUs limit parallel runs")
     plan = read_plan(args.file, args.split)
     if args.only:
         by_name = {planned.name: planned for planned in plan}
@@ -62,16 +54,12 @@ def run(args: argparse.Namespace) -> int:
             print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands))
         return 0
     results = args.out or RESULTS / args.file.stem
-    threads = 1 if args.ray is not None else max(1, usable_cores() // jobs)
     for planned in plan if args.split else ():
         if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():
             raise CommandError(f"{planned.name}: was not trained; execute the experiment without --split first")
-    attempts = make_attempts(plan, results, threads)
+    attempts = make_attempts(plan, results, max(1, usable_cores() // args.jobs))
     with display(attempts) as update:
-        if args.ray is None:
-            run_locally(attempts, jobs, update, UPDATE_SECONDS)
-        else:
-            run_on_ray(attempts, args.ray, threads, update, UPDATE_SECONDS)
+        execute(attempts, args.jobs, update, UPDATE_SECONDS)
     failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")

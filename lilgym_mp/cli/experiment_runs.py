@@ -1,11 +1,9 @@
-"""Executes an experiment's runs in parallel, here or on a Ray cluster: each is a sequence of commands in subprocesses,
-with a log."""
+"""Executes an experiment's runs in parallel: each is a sequence of commands in subprocesses, with a log."""
 
 from __future__ import annotations
 
 import ctypes
 import json
-import logging
 import os
 import shutil
 import signal
@@ -14,11 +12,9 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import chdir, suppress
+from contextlib import suppress
 from enum import StrEnum
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
@@ -27,7 +23,6 @@ from lilgym_mp.learning.common.run_directory import AGENT_FILE, CHECKPOINT_FILE,
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-RAY_RETRIES = 3  # of a run whose node or Ray worker process dies
 HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps a second on Scatter
 
 
@@ -56,8 +51,9 @@ class Attempt:
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
+        self._load()
 
-    def load(self) -> None:
+    def _load(self) -> None:
         """Loads what was done earlier. Raises CommandError if the run was trained with other options."""
         if not self.marker.exists():
             return
@@ -97,7 +93,7 @@ class Attempt:
         resumed = checkpoint.exists()
         has_agent = resumed and agent.exists() and agent.stat().st_mtime >= checkpoint.stat().st_mtime
         if has_agent and self.fraction_done == 1:
-            return  # training ended when this process, or its node, was dead
+            return  # training ended when this process was dead
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
@@ -174,14 +170,12 @@ def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int) -> li
     Raises CommandError, OutputError.
     """
     attempts = [Attempt(planned, results, threads) for planned in plan]
-    for attempt in attempts:
-        attempt.load()
     for name in (RUNS, EPISODES, LOGS, FINISHED):
         writable_directory(results / name)
     return attempts
 
 
-def run_locally(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], object], poll_seconds: float) -> None:
+def execute(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], object], poll_seconds: float) -> None:
     """Executes the unfinished attempts, `jobs` in parallel; calls `on_poll` at least every `poll_seconds`.
 
     On KeyboardInterrupt, the runs save before it is raised again.
@@ -199,46 +193,3 @@ def run_locally(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], ob
             wait(pending)
             on_poll()
             raise
-
-
-def run_on_ray(
-    attempts: Sequence[Attempt], address: str, threads: int, on_poll: Callable[[], object], poll_seconds: float
-) -> None:
-    """Executes the unfinished attempts, as many in parallel as the cluster has CPUs for.
-
-    All nodes must share the current directory, in which they write the results; a retried or resumed run goes on from
-    its last checkpoint. Raises CommandError if the cluster cannot be reached.
-    """
-    ray: Any = import_module("ray")
-    try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise CommandError(f"--ray {address}: cannot connect to a cluster: {_first_line(error)}") from None
-    try:
-        task = ray.remote(run_on_node).options(num_cpus=threads, max_retries=RAY_RETRIES)
-        unfinished = [attempt for attempt in attempts if attempt.status is not RunStatus.FINISHED]
-        pending = {task.remote(Path.cwd(), each.planned, each.results, threads): each for each in unfinished}
-        while pending:
-            ready, _ = ray.wait(list(pending), timeout=poll_seconds)
-            for ref in ready:
-                attempt = pending.pop(ref)
-                try:
-                    attempt.status, attempt.error = ray.get(ref)
-                except (ray.exceptions.RayError, OSError) as error:
-                    attempt.status, attempt.error = RunStatus.FAILED, _first_line(error)
-            on_poll()
-    finally:
-        ray.shutdown()
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0]
-
-
-def run_on_node(directory: Path, planned: PlannedRun, results: Path, threads: int) -> tuple[RunStatus, str]:
-    """Executes a run in the shared directory; its status and error."""
-    with chdir(directory):
-        attempt = Attempt(planned, results, threads)
-        attempt.load()
-        attempt.execute()
-        return attempt.status, attempt.error

@@ -10,24 +10,20 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
-from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally, run_on_ray
+from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.evaluation.episodes import read_header
-from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.options import CommandError
 from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
-NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
 SMALL = """
 configurations = ["TowerScratch"]
@@ -193,11 +189,11 @@ class Script(Attempt):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command"])
 
 
-def test_run_locally__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path):
+def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path):
     make_attempts([], tmp_path, 1)  # makes the directories
     plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
     attempts = [Script(planned, tmp_path, threads=1) for planned in plans]
-    run_locally(attempts, 1, lambda: None, 0.1)
+    execute(attempts, 1, lambda: None, 0.1)
     assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
     assert "no-such-command" in attempts[0].error
     assert "no-such-command" in attempts[0].log.read_text()
@@ -205,7 +201,7 @@ def test_run_locally__failure_does_not_stop_other_runs_and_is_logged(tmp_path: P
     assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
 
-def test_run_locally__killed_process_does_not_stop_other_runs(tmp_path: Path):
+def test_execute__killed_process_does_not_stop_other_runs(tmp_path: Path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
     plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
     make_attempts([], tmp_path, 1)  # makes the directories
@@ -216,7 +212,7 @@ def test_run_locally__killed_process_does_not_stop_other_runs(tmp_path: Path):
         if process is not None and process.poll() is None:
             process.kill()
 
-    run_locally(attempts, 1, kill, 0.1)
+    execute(attempts, 1, kill, 0.1)
     assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
     assert attempts[0].error.startswith("killed by SIGKILL: $ lilgym-mp evaluate")
 
@@ -322,8 +318,7 @@ def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
     before, after = (attempt for one in plan for attempt in make_attempts([one], tmp_path, 1))
     assert (before.status, after.status) == (RunStatus.FINISHED, RunStatus.WAITING)
     again = Script(plan[1], tmp_path, threads=1)
-    again.load()
-    run_locally([again], 1, lambda: None, 0.1)
+    execute([again], 1, lambda: None, 0.1)
     assert again.status is RunStatus.FINISHED
     assert json.loads(again.marker.read_text())["commands"] == [["mine"], ["fine"], ["fine", "test"]]
 
@@ -365,61 +360,3 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     assert "TowerScratch test" in (place / "test.md").read_text()
     assert (run / "agent.safetensors").stat().st_mtime_ns == trained
     assert main(command) == 0  # the evaluations on dev are still finished
-
-
-@pytest.fixture
-def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A Ray cluster whose head node has one CPU."""
-    pytest.importorskip("ray", reason=NEEDS_RAY)
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_worker_niceness", "0")  # otherwise Ray has a lower priority than other processes
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    attempts = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    yield attempts
-    attempts.shutdown()
-
-
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ray__run_of_a_killed_node_is_retried_and_a_failed_one_is_not(
-    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    doomed = cluster.add_node(num_cpus=1)
-    monkeypatch.chdir(tmp_path)
-    Path("two.toml").write_text(f"seeds = [0, 1]\n{SMALL}steps = 4096\n")
-    bad = PlannedRun("bad", (), (("no-such-command",),))
-    attempts = make_attempts([bad, *read_plan(Path("two.toml"))], Path("results"), 1)
-
-    def watch() -> None:
-        nonlocal doomed
-        training = Path("results").glob("runs/*/progress.jsonl")  # on both nodes
-        if doomed is not None and len(list(training)) == 2:
-            cluster.remove_node(doomed, allow_graceful=False)
-            doomed = None
-
-    run_on_ray(attempts, cluster.address, 1, watch, 0.2)
-    assert doomed is None
-    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, *[RunStatus.FINISHED] * 2]
-    assert "no-such-command" in attempts[0].error
-    for attempt in attempts[1:]:
-        assert json.loads(attempt.marker.read_text())["commands"] == attempt.planned.commands
-        assert (attempt.run / "agent.safetensors").exists()
-        (recording,) = attempt.episodes.glob(f"*{SUFFIX}")
-        assert read_header(recording).run == f"results/runs/{attempt.planned.name}"
-        assert "$ lilgym-mp evaluate" in attempt.log.read_text()
-    assert main(["experiment", "two.toml", "--out", "results"]) == 0  # the runs are already finished
-
-
-def test_experiment__jobs_are_for_this_machine(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), "--ray", "auto", "--jobs", "2"]
-    assert main(command) == USAGE_ERROR
-    assert "--jobs is for runs on this machine" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-def test_ray__missing_cluster_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    pytest.importorskip("ray", reason=NEEDS_RAY)
-    (tmp_path / "two.toml").write_text(SMALL)
-    command = ["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), "--ray", "auto"]
-    assert main(command) == USAGE_ERROR
-    assert "--ray auto: cannot connect to a cluster" in capsys.readouterr().err

@@ -216,8 +216,8 @@ class Run(TrainingRun):
             legal = None
             if role is Role.PROPOSER and self.recipe.mask:
                 legal = rollout.legal[turns[mine], games[mine]]
-            policy, found = self._evaluate(role, states, context[mine], legal, torch.from_numpy(state_of[mine]))
-            rows = torch.from_numpy(mine).to(self.device)
+            rows, encoded_rows = (torch.from_numpy(each).to(self.device) for each in (mine, state_of[mine]))
+            policy, found = self._evaluate(role, states, context[mine], legal, encoded_rows)
             policies.append((rows, policy))
             values = values.index_copy(0, rows, found)
         return _MixedPolicy(policies), values
