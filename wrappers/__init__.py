@@ -6,13 +6,11 @@ environment, a vector environment of this package, or the PettingZoo game.
 
 from lilgym_mp.wrappers.actions import ActionMask as ActionMask
 from lilgym_mp.wrappers.actions import MultiDiscreteActions as MultiDiscreteActions
-from lilgym_mp.wrappers.actions import NamedActions as NamedActions
 from lilgym_mp.wrappers.actions import StopForcing as StopForcing
 from lilgym_mp.wrappers.formats import ChannelsFirst as ChannelsFirst
 from lilgym_mp.wrappers.formats import FlatObservation as FlatObservation
 from lilgym_mp.wrappers.formats import GridPlanes as GridPlanes
 from lilgym_mp.wrappers.formats import ImageObservation as ImageObservation
-from lilgym_mp.wrappers.formats import NativeImage as NativeImage
 from lilgym_mp.wrappers.formats import StatementEmbedding as StatementEmbedding
 from lilgym_mp.wrappers.formats import StepsLeft as StepsLeft
 from lilgym_mp.wrappers.formats import StructuredObservation as StructuredObservation
@@ -33,8 +31,6 @@ flat_observation_v0 = factory(FlatObservation)
 grid_planes_v0 = factory(GridPlanes)
 image_observation_v0 = factory(ImageObservation)
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)
-named_actions_v0 = factory(NamedActions)
-native_image_v0 = factory(NativeImage)
 nlvr_reward_v0 = factory(NLVRReward)
 potential_shaping_v0 = factory(PotentialShaping)
 reverse_curriculum_v0 = factory(ReverseCurriculum)

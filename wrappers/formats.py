@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.envs.observation import EMPTY, image_space
+from lilgym_mp.envs.observation import EMPTY
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import Float32Array, Int64Array
-from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
     IMAGE,
@@ -147,24 +146,6 @@ class GridPlanes(EnvWrapper[Planes]):
 
 
 SIZE = "native"
-
-
-class NativeDrawing(SceneFormat):
-    """Draws the scene."""
-
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {IMAGE: image_space(SIZE)}
-
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {IMAGE: np.stack([draw(each.scene, SIZE) for each in state.states()])}
-
-
-class NativeImage(EnvWrapper[NativeDrawing]):
-    """Replaces "image" by one of native size, uint8 (100, 380, 3).
-
-    It redraws the whole scene each time. An environment made with image_size="native" is faster: it redraws only what
-    has changed.
-    """
 
 
 class Channels(Format):

@@ -40,8 +40,6 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "grid_planes": ({}, {"keep_image": True}),
     "image_observation": ({},),
     "multi_discrete_actions": ({}, {"masks": "slots"}),
-    "named_actions": ({},),
-    "native_image": ({},),
     "nlvr_reward": ({},),
     "potential_shaping": ({"discount": 0.9},),
     "statement_embedding": ({"encoder": letters},),

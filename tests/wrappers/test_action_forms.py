@@ -15,7 +15,6 @@ from lilgym_mp.scene.actions import ActionError, describe, named
 from lilgym_mp.scene.appearances import Appearance, make_appearance
 from lilgym_mp.wrappers import (
     MultiDiscreteActions,
-    NamedActions,
     StopForcing,
     WrongEnvironment,
     multi_discrete_actions_v0,
@@ -90,45 +89,7 @@ def test_arrays__of_a_batch(corpus: Any):
     assert batch.unwrapped._buffers.action.tolist() == [3, 8, 0]
 
 
-def test_names__are_actions(make: Make):
-    env = NamedActions(make("TowerScratch"))
-    env.reset(seed=0)
-    env.step("add( left , blue )")
-    assert scene(env).to_json() == BLUE_LEFT
-    env.step("REMOVE(LEFT)")
-    assert scene(env) == Scene.empty()
-
-
-@pytest.mark.parametrize("name", ["GO", "ADD(NORTH, BLUE)", "ADD(LEFT)", "ADD(3, 4, CIRCLE, BLUE, SMALL)", "", 3])
-def test_unknown_name__is_refused(make: Make, name: Any):
-    env = NamedActions(make("TowerScratch"))
-    env.reset(seed=0)
-    assert name not in env.action_space
-    with pytest.raises(ActionError, match=r"is not an action|must be given by name"):
-        env.step(name)
-
-
-def test_cell_outside_the_grid__is_refused(make: Make):
-    env = NamedActions(make("ScatterScratch"))
-    env.reset(seed=0)
-    with pytest.raises(ActionError, match=r"x 19 of the action is out of range; choose from 0 \.\. 18"):
-        env.step("ADD(19, 0, CIRCLE, BLUE, SMALL)")
-
-
-def test_name_space__samples_names_by_mask(make: Make):
-    env = NamedActions(make("TowerScratch"))
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    mask = np.zeros(13, np.int8)
-    mask[3] = 1
-    assert env.action_space.sample(mask) == "ADD(LEFT, BLUE)"
-    assert env.action_space.sample() in env.action_space
-    assert env.action_space == NamedActions(make("TowerFlipIt")).action_space
-    assert env.action_space != NamedActions(make("ScatterFlipIt")).action_space
-
-
-@pytest.mark.parametrize("form", [MultiDiscreteActions, NamedActions])
-def test_wrapper_that_needs_discrete_actions__is_refused_on_others(make: Make, form: Any):
+def test_wrapper_that_needs_discrete_actions__is_refused_on_others(make: Make):
     with pytest.raises(WrongEnvironment, match=r"StopForcing needs the action space Discrete\(13\)"):
-        StopForcing(form(make("TowerScratch")), mode="replace")
-    form(StopForcing(make("TowerScratch"), mode="replace"))
+        StopForcing(MultiDiscreteActions(make("TowerScratch")), mode="replace")
+    MultiDiscreteActions(StopForcing(make("TowerScratch"), mode="replace"))

@@ -9,12 +9,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import (
     ChannelsFirst,
     FlatObservation,
     GridPlanes,
-    NativeImage,
     StatementEmbedding,
     StepsLeft,
     StructuredObservation,
@@ -98,12 +96,6 @@ def test_channels_first__moves_the_channel_axis(make: Make):
     assert np.array_equal(moved, original.transpose(2, 0, 1))
 
 
-def test_native_image__draws_the_scene(make: Make):
-    env = NativeImage(make("ScatterFlipIt"))
-    assert np.array_equal(observe(env)["image"], draw(env.unwrapped.scene))  # pyright: ignore[reportAttributeAccessIssue]
-    assert env.observation_space["image"] == make("ScatterFlipIt", image_size="native").observation_space["image"]
-
-
 def test_steps_left__counts_down(make: Make):
     env = StepsLeft(make("TowerScratch"))
     assert observe(env, "blue")["steps_left"] == HORIZON
@@ -175,9 +167,7 @@ def test_flat__refuses_text(make: Make):
         FlatObservation(make("TowerScratch"))
 
 
-@pytest.mark.parametrize(
-    "wrapper", [StructuredObservation, GridPlanes, NativeImage, ChannelsFirst, StepsLeft, TokenizedStatement]
-)
+@pytest.mark.parametrize("wrapper", [StructuredObservation, GridPlanes, ChannelsFirst, StepsLeft, TokenizedStatement])
 def test_format__refuses_observations_without_parts(make: Make, wrapper: Any):
     with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} needs Dict observations, .*Apply .* earlier"):
         wrapper(FlatObservation(TokenizedStatement(make("TowerScratch"))))

@@ -30,7 +30,7 @@ REJECT, ACCEPT = 0, 1
 STACKS: dict[str, list[Callable[[Any], Any]]] = {
     "structured": [wrappers.structured_observation_v0],
     "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
-    "native": [wrappers.native_image_v0, wrappers.channels_first_v0],
+    "channels first": [wrappers.channels_first_v0],
     "flat": [wrappers.flat_observation_v0],
     "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
@@ -138,7 +138,7 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
 @pytest.mark.parametrize(
     "wrap",
     [
-        *(wrappers.text_observation_v0, wrappers.named_actions_v0, wrappers.multi_discrete_actions_v0),
+        *(wrappers.text_observation_v0, wrappers.multi_discrete_actions_v0),
         *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
     ],
 )

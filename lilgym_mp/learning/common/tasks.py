@@ -10,7 +10,6 @@ from typing import TypeVar
 import numpy as np
 
 from lilgym_mp.corpus import NoTasksError, TaskSet
-from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
@@ -72,7 +71,11 @@ def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool =
     main, *empty = train_tasks(settings, scratch=recipe.empty_starts > 0).values()
     held_out = choose_held_out(sorted({task.statement for task in main}), recipe.held_out)
     validation = [task.id for task in main if task.statement in held_out]
-    base = solvable_matching_corpus(main) if matching else main
+    base = main
+    if matching:
+        from lilgym_mp.corpus.matching import solvable_matching_corpus
+
+        base = solvable_matching_corpus(main)
     tasks = list(_recoloured(base, held_out, "", recipe))
     for some in empty:
         tasks += _recoloured(some, held_out, "empty:", recipe)

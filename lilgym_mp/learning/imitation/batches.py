@@ -28,7 +28,6 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs, Outputs
 from lilgym_mp.scene.arrays import Int64Array
 
 MIN_PROBABILITY = 1e-13  # clamp; sets of actions below it have no gradient
-NEW_COLOURS = np.array([recolouring.colours for recolouring in RECOLOURINGS])  # (6, 3)
 Rng = np.random.Generator
 
 

@@ -101,7 +101,6 @@ class ProgramCandidate(NamedTuple):
 
     program: str
     probability: float  # those of all candidates add up to the parse's confidence
-    alternatives: int  # programs in the beam equivalent to it on the probe scenes, itself included
 
 
 @dataclass(frozen=True)
@@ -233,7 +232,7 @@ class Parser:
 def _ranked(classes: Sequence[tuple[str, Sequence[float]]], probability: float) -> tuple[ProgramCandidate, ...]:
     """The most probable candidates, one of each class of equivalent programs; `probability`: of all together."""
     highest = max((max(scores) for _, scores in classes), default=0.0)
-    masses = [(sum(math.exp(score - highest) for score in scores), program, len(scores)) for program, scores in classes]
+    masses = [(sum(math.exp(score - highest) for score in scores), program) for program, scores in classes]
     masses = sorted(masses, key=lambda mass: -mass[0])[:MAX_CANDIDATES]
-    total = sum(mass for mass, _, _ in masses)
-    return tuple(ProgramCandidate(program, probability * mass / total, count) for mass, program, count in masses)
+    total = sum(mass for mass, _ in masses)
+    return tuple(ProgramCandidate(program, probability * mass / total) for mass, program in masses)

@@ -116,7 +116,7 @@ class ProgramPlanner(Planner):
     def _goals(self, parse: Parse, scene: Scene, target: bool, steps: int) -> tuple[WeightedGoal, ...]:
         """The candidates reweighted by the start scene: no FlipIt start, and few Scratch starts, satisfy the target."""
         weights: list[tuple[str, float]] = []
-        for program, probability, _ in parse.candidates:
+        for program, probability in parse.candidates:
             if steps == 0 and compile_program(program)(scene) == target:
                 probability *= 0.0 if self.is_flipit else ALREADY_TRUE
             if probability > 0:

@@ -8,8 +8,7 @@ called without graphs.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -29,11 +28,8 @@ class Graphed:
     """A function of tensors of fixed shapes, captured on CUDA and then replayed. A call overwrites earlier outputs."""
 
     def __init__(self, function: Callable[..., tuple[Tensor, ...]]) -> None:
-        self._function, self._calls = function, 0
-        self._inputs: tuple[Tensor, ...] = ()
-        self._given: tuple[Tensor, ...] = ()  # at the latest call
-        self._graph: Any = None
-        self._outputs: tuple[Tensor, ...] = ()
+        self._function, self._calls, self._graph = function, 0, cast("Any", None)
+        self._inputs = self._given = self._outputs = cast("tuple[Tensor, ...]", ())  # given: at the latest call
 
     def __call__(self, *inputs: Tensor) -> tuple[Tensor, ...]:
         """An input that is the same object as at the call before must have the same values."""
@@ -60,19 +56,16 @@ class Graphed:
         return self._outputs
 
 
-def can_use_graphs(model: Model, recipe: PPORecipe, device: torch.device) -> bool:
-    """Whether all mini-batches have the same shapes, and CUDA is used."""
-    even = not recipe.microbatch and recipe.rollout % recipe.batch_size == 0
-    return device.type == "cuda" and model.has_fixed_inputs and even and not recipe.mask
-
-
 class GraphedModel(Model):
-    """Predictions of a model for always the same number of states, on the CPU."""
+    """A model that predicts on the CPU for always the same number of states, and is updated."""
 
-    def __init__(self, model: Model, precision: Callable[[], AbstractContextManager[Any]]) -> None:
+    def __init__(
+        self, model: Model, optimiser: torch.optim.Optimizer, recipe: PPORecipe, precision: Callable[[], Any]
+    ) -> None:
         super().__init__()
         self.factorisation, self._model, self._precision = model.factorisation, model, precision
-        self._predict = Graphed(self._prediction)
+        self._optimiser, self._recipe = optimiser, recipe
+        self._predict, self._step = Graphed(self._prediction), Graphed(self._optimise)
 
     def forward(self, states: States) -> Prediction:
         (joined,) = self._predict(*self._model.fixed_inputs(states))
@@ -87,31 +80,16 @@ class GraphedModel(Model):
         self._sizes = [part.shape[1] for part in parts]
         return (torch.cat(parts, 1),)
 
-
-class GraphedUpdate:
-    """`update`, with the mini-batches of a rollout gathered on the device."""
-
-    def __init__(
-        self,
-        model: Model,
-        optimiser: torch.optim.Optimizer,
-        recipe: PPORecipe,
-        precision: Callable[[], AbstractContextManager[Any]],
-    ) -> None:
-        self._model, self._optimiser, self._recipe, self._precision = model, optimiser, recipe, precision
-        self._step = Graphed(self._optimise)
-
-    def __call__(
+    def update(
         self, states: States, experience: Experience, entropy_coefficient: float, rng: np.random.Generator
     ) -> list[Losses]:
-        """The losses of each update on a rollout's states. Raises TrainingRunError."""
+        """As `update`, with the mini-batches of a rollout's states gathered on the device. Raises TrainingRunError."""
         recipe, columns = self._recipe, (*self._model.fixed_inputs(states), *experience.transitions)
-        entropy = columns[0].new_full((), entropy_coefficient, dtype=torch.float32)
+        entropy = torch.tensor(entropy_coefficient, device=columns[0].device)
         steps: list[Tensor] = []
         for _ in range(recipe.epochs):
-            batches = mini_batches(
-                experience.statement_of, recipe.batch_size, rng, by_statement=recipe.same_statement > 1
-            )
+            grouped = recipe.same_statement > 1
+            batches = mini_batches(experience.statement_of, recipe.batch_size, rng, by_statement=grouped)
             for rows in torch.from_numpy(np.stack(list(batches))).to(entropy.device):
                 steps.append(torch.stack(self._step(entropy, rows, *columns)))
         found = [Losses(*step) for step in torch.stack(steps).cpu()]
@@ -125,9 +103,8 @@ class GraphedUpdate:
         self._optimiser.zero_grad()
         with self._precision():
             types, heads, values = self._model(tuple(inputs))
-        loss = losses(
-            self._recipe, FactoredPolicy(self._model.factorisation, types, heads), values, old, entropy_coefficient
-        )
+        policy = FactoredPolicy(self._model.factorisation, types, heads)
+        loss = losses(self._recipe, policy, values, old, entropy_coefficient)
         loss.total.backward()
         parameters = [parameter for group in self._optimiser.param_groups for parameter in group["params"]]
         nn.utils.clip_grad_norm_(parameters, self._recipe.gradient_norm)

@@ -20,6 +20,7 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.model_file import precision, weights_digest
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.tasks import training_tasks
@@ -33,7 +34,6 @@ from lilgym_mp.learning.common.update import (
     update,
 )
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe, make_model
-from lilgym_mp.learning.ppo.cuda_graphs import GraphedModel, GraphedUpdate, can_use_graphs
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
@@ -118,11 +118,11 @@ class Run(TrainingRun):
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._collector = RolloutCollector(settings, recipe, self.tasks)
-        use_graphs = can_use_graphs(self.model, recipe, self.device)
-        self._actor = GraphedModel(self.model, self._precision) if use_graphs else self.model
-        self._graphed_update = (
-            GraphedUpdate(self.model, self._optimiser, recipe, self._precision) if use_graphs else None
-        )
+        self._graphed = None
+        if uses_graphs(self.model, recipe, self.device):
+            from lilgym_mp.learning.ppo.cuda_graphs import GraphedModel
+
+            self._graphed = GraphedModel(self.model, self._optimiser, recipe, self._precision)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         self.curve = LearningCurve(settings, recipe, evaluate_every, self.files) if evaluate_every else None
         self.parts = {"network": self.model, "optimiser": self._optimiser}
@@ -166,13 +166,13 @@ class Run(TrainingRun):
         entropy_coefficient = schedule(self._optimiser, self.recipe, self.progress())
         self.model.eval()
         with self._precision():
-            rollout = self._collector.collect(self._actor, self._rng)
+            rollout = self._collector.collect(self._graphed or self.model, self._rng)
         self.model.train()
         self.model.clear_cache()
         experience = self._experience(rollout)
-        if self._graphed_update:
+        if self._graphed:
             states = rollout.states(np.arange(self.recipe.rollout))
-            losses = self._graphed_update(states, experience, entropy_coefficient, self._rng)
+            losses = self._graphed.update(states, experience, entropy_coefficient, self._rng)
         else:
             losses = update(experience, self._optimiser, self.recipe, entropy_coefficient, self._rng)
         counters.steps += self.recipe.rollout
@@ -267,6 +267,12 @@ class Run(TrainingRun):
         )
         self._collector.close()
         return PPOAgent(description, self._settings, self.model.eval())
+
+
+def uses_graphs(model: Model, recipe: PPORecipe, device: torch.device) -> bool:
+    """Whether all mini-batches have the same shapes, and CUDA is used."""
+    even = not recipe.microbatch and recipe.rollout % recipe.batch_size == 0
+    return device.type == "cuda" and model.has_fixed_inputs and even and not recipe.mask
 
 
 train_ppo = training(Run)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 from torch import Tensor
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model import Model
@@ -122,6 +121,8 @@ class DevEvaluation(NamedTuple):
 
 def _matching_tasks(settings: Settings) -> Mapping[str, Task]:
     """By id, the tasks with a scene of the corpus labelled with the target; none for FlipIt or without labels."""
+    from lilgym_mp.corpus.matching import solvable_matching_corpus
+
     try:
         tasks = load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT)
         return {task.id: task for task in solvable_matching_corpus(tasks)}

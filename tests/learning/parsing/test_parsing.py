@@ -237,7 +237,7 @@ class Oracle(Parser):
 
     def __init__(self, *candidates: tuple[str, float]) -> None:
         super().__init__(small_network(), SymbolTable((*COLOURS, UNKNOWN)))
-        self.candidates = tuple(ProgramCandidate(program, probability, 1) for program, probability in candidates)
+        self.candidates = tuple(ProgramCandidate(program, probability) for program, probability in candidates)
 
     def parse(self, statement: str, appearance: str) -> Parse:
         return Parse(("<tower>", "yellow"), (), {}, self.candidates)

@@ -203,7 +203,7 @@ def test_cuda_graphs__train_as_without_them(
     device = "cuda" if torch.cuda.is_available() else "cpu"
     weights: list[dict[str, torch.Tensor]] = []
     for use_graphs in (True, False):
-        monkeypatch.setattr(training, "can_use_graphs", lambda *_, answer=use_graphs: answer)
+        monkeypatch.setattr(training, "uses_graphs", lambda *_, answer=use_graphs: answer)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
         recipe = PPORecipe.of(
             "TowerScratch", "paper", model="c3-bert", stop_forcing=True, reduced_precision=False, envs=4, rollout=16,
