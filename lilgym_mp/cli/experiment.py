@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from lilgym_mp.cli.experiment_runs import Attempt
 
 RESULTS = Path("results")
-UPDATE_SECONDS = 1.0
-FAILED = 1  # exit code if any run failed
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
             raise CommandError(f"{planned.name}: was not trained; execute the experiment without --split first")
     attempts = make_attempts(plan, results, max(1, usable_cores() // args.jobs))
     with display(attempts) as update:
-        execute(attempts, args.jobs, update, UPDATE_SECONDS)
+        execute(attempts, args.jobs, update, poll_seconds=1.0)
     failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
@@ -68,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"tables: lilgym-mp report {results} --out {results}-report")
     else:
         _write_table(results / f"{args.split}.md", attempts, args.split)
-    return FAILED if failed else 0
+    return 1 if failed else 0
 
 
 @contextmanager

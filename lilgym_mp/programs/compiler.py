@@ -11,7 +11,6 @@ from typing import Any
 
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError, StepLimitError
-from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import own_size, parse, word_names
 from lilgym_mp.scene import Scene
 
@@ -37,7 +36,7 @@ class Program:
         self.source = source
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
-        self._reference = build_closure(self.tree)
+        self._reference: Any = None  # for the reference evaluator, made when it is used
         self._generated: Callable[[Scene], bool] | None = None
         self._evaluations = 0  # before code is generated
         self._key = "program truth " + source
@@ -75,6 +74,9 @@ class Program:
 
     def evaluate_reference(self, scene: Scene, *, step_limit: int | None = None) -> bool:
         """`evaluate` by the reference evaluator, which defines the semantics."""
+        from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
+
+        self._reference = self._reference or build_closure(self.tree)
         return evaluate(self._reference, Evaluation(scene, step_limit))
 
     def _first(self) -> Callable[[Scene], bool]:
@@ -124,8 +126,9 @@ def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = co
     Compiling nothing and caching nothing, it takes at most about 40 milliseconds with the default limit on the steps of
     all evaluations together. Raises ProgramError when `source` is not a valid program, StepLimitError beyond the limit.
     """
-    tree = parse(source)
-    closure, size = build_closure(tree), own_size(tree)
+    from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
+
+    closure, size = build_closure(tree := parse(source)), own_size(tree)
     truths: list[bool | None] = []
     steps_left = step_limit
     for scene in scenes:

@@ -188,9 +188,8 @@ def make_optimiser(model: nn.Module, recipe: UpdateRecipe) -> torch.optim.Optimi
     """The recipe's optimiser of the parameters that require gradients."""
     trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
     # On CUDA in a form that CUDA graphs can capture, with the learning rate on the device.
-    on_cuda = trained[0].is_cuda
-    rate = torch.tensor(recipe.learning_rate, device=trained[0].device) if on_cuda else recipe.learning_rate
-    options: dict[str, Any] = {"fused": True, "capturable": on_cuda}
+    options: dict[str, Any] = {"fused": True, "capturable": trained[0].is_cuda}
+    rate = torch.tensor(recipe.learning_rate).cuda() if trained[0].is_cuda else recipe.learning_rate
     if recipe.optimiser == "adamw":  # the release's, with torch's weight decay
         return torch.optim.AdamW(trained, rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, **options)
     return torch.optim.Adam(trained, rate, eps=1e-5, **options)
