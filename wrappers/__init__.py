@@ -20,7 +20,6 @@ from lilgym_mp.wrappers.text import TextObservation as TextObservation
 from lilgym_mp.wrappers.training import BoxPermutation as BoxPermutation
 from lilgym_mp.wrappers.training import NLVRReward as NLVRReward
 from lilgym_mp.wrappers.training import PotentialShaping as PotentialShaping
-from lilgym_mp.wrappers.training import ReverseCurriculum as ReverseCurriculum
 from lilgym_mp.wrappers.transformation import WrongEnvironment as WrongEnvironment
 
 action_mask_v0 = factory(ActionMask)
@@ -33,7 +32,6 @@ image_observation_v0 = factory(ImageObservation)
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)
 nlvr_reward_v0 = factory(NLVRReward)
 potential_shaping_v0 = factory(PotentialShaping)
-reverse_curriculum_v0 = factory(ReverseCurriculum)
 steps_left_v0 = factory(StepsLeft)
 stop_forcing_v0 = factory(StopForcing)
 structured_observation_v0 = factory(StructuredObservation)

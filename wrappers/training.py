@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.matching import matching_corpus, with_permuted_boxes
-from lilgym_mp.envs.rules import State, make_dynamics
-from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.arrays import Float64Array
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.solution import value
@@ -46,56 +42,6 @@ class NLVRReward(EnvWrapper[TaskChange]):
     """
 
     transformation_class = partial(TaskChange, change=matching_corpus)
-
-
-CACHE_SIZE = 8  # task sets
-
-
-@lru_cache(maxsize=CACHE_SIZE, typed=True)  # typed: True must be refused even after a call with 1
-def tasks_near_success(
-    appearance: Appearance, rules: str, horizon: int, edits: int, budget: int | None, tasks: TaskSet
-) -> TaskSet:
-    """The tasks with their starts moved along a shortest solution, to where `edits` edits are left.
-
-    A task that needs fewer edits, or has no known solution, keeps its start. Ids do not change.
-    Raises ValueError for a negative number of edits or a budget below 1.
-    """
-    if isinstance(edits, bool) or not isinstance(edits, int) or edits < 0:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ValueError(f"edits must be a whole number of at least 0, not {edits!r}")
-    solver = Solver(make_dynamics(appearance, rules, horizon), budget)
-    return TaskSet((_near_success(task, edits, solver) for task in tasks), tasks.provenance)
-
-
-def _near_success(task: Task, edits: int, solver: Solver) -> Task:
-    actions = solver.solve(task).actions
-    state = solver.dynamics.start(task)
-    for action in actions[: max(0, len(actions) - 1 - edits)]:
-        state = solver.dynamics.step(state, action).state
-    return replace(task, start=state.scene)
-
-
-def _near_success_change(description: EnvDescription, *, edits: int, budget: int | None) -> TaskChange:
-    mdp = description.dynamics
-    change = partial(tasks_near_success, mdp.appearance, mdp.rules.name, mdp.horizon, edits, budget)
-    return TaskChange(description, change=change, adds_items=True)
-
-
-class ReverseCurriculum(EnvWrapper[TaskChange]):
-    """Starts each episode `edits` edits from success, on a shortest solution of the drawn task.
-
-    Tasks that need fewer edits, or that the expert cannot solve, keep their start; with `edits` 0 only STOP remains to
-    be learned. All tasks are solved when the first such wrapper is made, which takes seconds for the official corpus.
-    `budget`: scenes the expert may examine per task, None for its default. For training only.
-
-    Must be applied before all other wrappers but those that also change the tasks. Raises WrongEnvironment for vector
-    environments of Scatter, whose buffers are too small for such starts, and ValueError for a negative number of edits
-    or a budget below 1. Source: Florensa et al. 2017.
-    """
-
-    transformation_class = staticmethod(_near_success_change)
-
-    def __init__(self, env: gym.Env[Any, Any], edits: int, budget: int | None = None) -> None:
-        super().__init__(env, edits=edits, budget=budget)
 
 
 class Shaping(Transformation):

@@ -201,39 +201,27 @@ class Transformation:
 
 
 class TaskChange(Transformation):
-    """Replaces the environment's tasks by `change(tasks)` once, when it is wrapped.
+    """Replaces the environment's tasks by `change(tasks)` once, when it is wrapped."""
 
-    `adds_items`: whether new starts may have more items than those reachable from the corpus's.
-    """
-
-    def __init__(
-        self, description: EnvDescription, *, change: Callable[[TaskSet], TaskSet], adds_items: bool = False
-    ) -> None:
+    def __init__(self, description: EnvDescription, *, change: Callable[[TaskSet], TaskSet]) -> None:
         super().__init__(description)
-        self.change, self.adds_items = change, adds_items
+        self.change = change
 
 
 def change_tasks(env: Any, transformation: Transformation, applied: Iterable[Transformation] | None = None) -> None:
     """Replaces the tasks of `env` if it is to be wrapped in a TaskChange; `applied`: by default those of its wrappers.
 
-    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks, or has no space for the items.
+    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks.
     """
     if not isinstance(transformation, TaskChange):
         return
     description = transformation.env_description
-    base: Any = env.unwrapped
-    unbounded = description.dynamics.appearance.box_capacity is None
-    if transformation.adds_items and unbounded and isinstance(base, VectorEnv):
-        raise WrongEnvironment(
-            f"{description.wrapper} wraps vector environments of Tower only; for Scatter, wrap each environment:"
-            ' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[...], ...)'
-        )
     for other in _transformations(env) if applied is None else applied:
         if not isinstance(other, TaskChange):
             raise WrongEnvironment(
                 f"{description.wrapper} changes the tasks, so it must be applied before {other.env_description.wrapper}"
             )
-    base.change_tasks(transformation.change)
+    env.unwrapped.change_tasks(transformation.change)
 
 
 def _transformations(env: Any) -> Iterator[Transformation]:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.options import CommandError, check_at_least, flag_name
+from lilgym_mp.evaluation.options import CommandError, check_at_least
 from lilgym_mp.evaluation.policies import GREEDY, built_in_policy
 from lilgym_mp.learning.common.learners import Learner, find_learner
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")

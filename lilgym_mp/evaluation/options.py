@@ -18,6 +18,7 @@ from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.scene.choices import flag_name
 
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
@@ -143,11 +144,6 @@ def add_device(parser: argparse.ArgumentParser) -> None:
     """Where networks run; `learning.model_file` rejects devices that are not available."""
     parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
     add_number(parser, "--threads", 1, "CPU threads")
-
-
-def flag_name(name: str) -> str:
-    """The option for a field, without its leading dashes."""
-    return name.replace("_", "-")
 
 
 def task_sets_with_id(corpus: str, task_id: str, *choices: Sequence[str]) -> list[TaskSet]:

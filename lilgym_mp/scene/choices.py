@@ -62,3 +62,8 @@ def listed(names: Iterable[object]) -> str:
 def article(noun: str) -> str:
     """The noun with its indefinite article."""
     return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+
+
+def flag_name(name: str) -> str:
+    """The option for a field, without its leading dashes."""
+    return name.replace("_", "-")

@@ -1,4 +1,4 @@
-"""Rewards shaped by the expert, and starts near the goal."""
+"""Rewards shaped by the expert."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ import pytest
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import (
     PotentialShaping,
-    ReverseCurriculum,
-    WrongEnvironment,
-    reverse_curriculum_v0,
 )
 
 STOP, ADD_LEFT_YELLOW = 0, 1  # of tower's actions
@@ -77,48 +74,6 @@ def test_shaping__shifts_every_return_by_the_starts_potential(make: Make, discou
 def test_shaping__needs_a_discount(make: Make, discount: float):
     with pytest.raises(ValueError, match="discount must be between 0 and 1"):
         PotentialShaping(make("TowerFlipIt"), discount)
-
-
-@pytest.mark.parametrize("edits", [0, 1, 2])
-@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_reverse_curriculum__starts_that_many_edits_from_success(make: Make, configuration: str, edits: int):
-    plain = make(configuration)
-    env = ReverseCurriculum(make(configuration), edits)
-    for task_id in env.unwrapped.evaluation_tasks():
-        plain.reset(options={"task": task_id})
-        env.reset(options={"task": task_id})
-        assert Expert(env).plan().steps == min(edits + 1, Expert(plain).plan().steps)
-
-
-def test_reverse_curriculum__keeps_the_starts_of_unsolved_tasks(make: Make):
-    env = ReverseCurriculum(make("TowerFlipIt", horizon=1), 0)
-    plain = make("TowerFlipIt", horizon=1)
-    assert [task.start for task in env.unwrapped.tasks] == [task.start for task in plain.unwrapped.tasks]
-
-
-def test_reverse_curriculum__is_rebuilt_from_its_spec(make: Make):
-    spec = ReverseCurriculum(make("TowerScratch"), 0).spec
-    assert spec is not None
-    env = gym.make(spec)
-    env.reset(seed=0)
-    assert env.unwrapped.goal_reached()
-
-
-def test_reverse_curriculum__wraps_batches_of_towers(make_batch: Callable[[str], Any]):
-    env = reverse_curriculum_v0(make_batch("TowerFlipIt"), 0)
-    env.reset(seed=0)
-    assert env.goal_reached().all()
-
-
-def test_reverse_curriculum__refuses_batches_of_scatter(make_batch: Callable[[str], Any]):
-    with pytest.raises(WrongEnvironment, match="for Scatter, wrap each environment"):
-        reverse_curriculum_v0(make_batch("ScatterFlipIt"), 0)
-
-
-@pytest.mark.parametrize("edits", [-1, True, 0.5])
-def test_reverse_curriculum__needs_a_whole_number_of_edits(make: Make, edits: int):
-    with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
-        ReverseCurriculum(make("TowerScratch"), edits)
 
 
 def test_potential_shaping__can_be_pickled(make: Make):

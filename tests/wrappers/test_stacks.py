@@ -95,7 +95,7 @@ def test_stack__can_be_pickled_in_mid_episode(make: Make):
 
 
 def test_factories__refuse_another_packages_environment():
-    arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}
+    arguments = {"statement_embedding_v0": {"encoder": letters}}
     others = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
     for (name, factory), other in product(FACTORIES.items(), others):
         with pytest.raises(WrongEnvironment):

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Self
 
 from lilgym_mp.envs.config import setting
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.options import flag_name
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, flag_name
 
 
 class Recipe:
