@@ -6,12 +6,21 @@ import subprocess
 import sys
 
 ENV = "import gymnasium, lilgym_mp; env = gymnasium.make('lilgym_mp/{}-v0'); env.reset(seed=0); env.step(1)"
+TRAINING = "import tempfile; from pathlib import Path; folder = tempfile.TemporaryDirectory(); {}"
 USES = {
     "tower": ENV.format("TowerFlipIt"),
     "scatter": ENV.format("ScatterFlipIt"),
-    "ppo": "import tempfile; from lilgym_mp.cli import main; folder = tempfile.TemporaryDirectory();"
-    " main('train ppo TowerFlipIt --steps 64 --envs 8 --same-statement 8 --rollout 64 --batch-size 64'.split()"
-    " + ['--out', folder.name])",
+    "ppo": TRAINING.format(
+        "from lilgym_mp.evaluation import Settings; from lilgym_mp.learning.ppo.learner import PPORecipe;"
+        " from lilgym_mp.learning.ppo.training import train_ppo;"
+        " recipe = PPORecipe.of('TowerFlipIt', envs=8, same_statement=8, rollout=64, batch_size=64);"
+        " train_ppo(Settings('TowerFlipIt'), recipe, Path(folder.name) / 'run', steps=64)"
+    ),
+    "train ppo": TRAINING.format(
+        "from lilgym_mp.cli import main;"
+        " main('train ppo TowerFlipIt --steps 64 --envs 8 --same-statement 8 --rollout 64 --batch-size 64'.split()"
+        " + ['--out', folder.name])"
+    ),
 }
 COUNT = """
 import sys

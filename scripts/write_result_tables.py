@@ -31,7 +31,7 @@ from lilgym_mp.envs.proposer_verifier import Role, play_games
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
 from lilgym_mp.learning.common.agents import open_agent

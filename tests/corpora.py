@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.corpus.formats import read_released_file
-from lilgym_mp.corpus.official import FileFacts, content_digest
+from lilgym_mp.corpus.official import FileFacts, content_digest, read_released_file
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Colour, Item, Scene
 from tests.scenes import B, K, Y, scene, square, tower

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 
-from lilgym_mp.corpus.formats import RELEASE_NAME as OFFICIAL_NAME
-from lilgym_mp.corpus.formats import released_name
-from lilgym_mp.corpus.official import FILE_FACTS, STATEMENT_COUNT
+from lilgym_mp.corpus.official import FILE_FACTS, STATEMENT_COUNT, released_name
+from lilgym_mp.corpus.official import RELEASE_NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import normalised, statement_form, words
 from lilgym_mp.envs.registration import configuration_name

@@ -13,7 +13,7 @@ from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import EPISODES, RUNS, RunStatus, execute, make_attempts
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
-from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX, OutputError, first_free_path, writable_directory
 from lilgym_mp.evaluation.film import episode_frames, film_frames
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least

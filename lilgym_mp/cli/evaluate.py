@@ -47,7 +47,7 @@ from lilgym_mp.evaluation.policies import (
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import write_metadata
 from lilgym_mp.evaluation.report import results_json, results_text
-from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play, playable, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, Result, play, playable, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner

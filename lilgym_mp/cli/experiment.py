@@ -96,7 +96,7 @@ def _write_table(file: Path, attempts: Sequence[Attempt], split: str) -> None:
     from lilgym_mp.contrib.report.items import Table
     from lilgym_mp.contrib.report.report_data import load_report_data
     from lilgym_mp.contrib.report.results import table_2
-    from lilgym_mp.evaluation.episodes import read_header
+    from lilgym_mp.evaluation.episode_files import read_header
 
     files = [file for attempt in attempts for file in sorted(attempt.episodes.glob(f"*{SUFFIX}"))]
     files = [file for file in files if read_header(file).split == split]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lilgym_mp.corpus.faults import CorpusError, Fault
-from lilgym_mp.corpus.formats import RELEASED_NAMES, read_corpus_file, read_released_file
+from lilgym_mp.corpus.formats import read_corpus_file
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
+from lilgym_mp.corpus.official import RELEASED_NAMES, read_released_file
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
 

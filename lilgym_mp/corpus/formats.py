@@ -1,9 +1,4 @@
-"""The two file formats, read to records: the project's own (docs/corpus.md) and that of the official release.
-
-The project's own format is JSON lines: a header, then one entry per line. The release has one JSON file per
-appearance, start and split. Source: docs/spec.md, "Tasks" (`{id: {"sentence", "lf"}}`; FlipIt files add "label" and
-"structured_rep").
-"""
+"""The project's own file format, read to records: JSON lines, a header, then one entry per line (docs/corpus.md)."""
 
 from __future__ import annotations
 
@@ -15,7 +10,7 @@ from itertools import islice, product
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError, checked
+from lilgym_mp.corpus.faults import CorpusError, Fault, checked
 from lilgym_mp.corpus.records import (
     FLIPIT,
     SCRATCH,
@@ -40,8 +35,6 @@ START_KEYS = frozenset({"id", "label", "scene"})
 SECTIONS = "sections"  # header key of the builtin file: {"tower train": number of entries, ...} in file order
 TAGS = "tags"  # optional entry key
 LENIENT_APPEARANCE = "scatter"  # of entries of an unknown one: its scenes may be those of any
-RELEASE_NAME = "lilGym"
-LABELS = {"true": True, "false": False}  # of released files
 
 Configuration = tuple[str, str, str]  # appearance, start and split
 
@@ -61,9 +54,6 @@ class Source(NamedTuple):
             f"{appearance} {split}" for (appearance, kind, split), has in self.records.items() if has and kind == start
         )
         return f"{start} tasks of {', '.join(found)}" if found else f"no {start} tasks"
-
-
-# The project's own format
 
 
 def read_corpus_file(path: Path, faults: list[Fault], wanted: Configuration | None = None) -> Source:
@@ -194,48 +184,3 @@ CHECKS: Mapping[str, Callable[[str, object], Any]] = {  # of the values that say
     "starts": _list,
     TAGS: _tags,
 }
-
-
-# The released format
-
-
-def released_name(appearance: str, start: str, split: str) -> str:
-    return f"{appearance}_{start}_{split}.json"
-
-
-RELEASED_NAMES = {
-    released_name(*configuration): configuration for configuration in product(APPEARANCES, STARTS, SPLITS)
-}
-
-
-def released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
-    """The released file of one configuration and split.
-
-    Raises NoTasksError naming the missing file and the released files that exist.
-    """
-    path = directory / released_name(appearance, start, split)
-    if not path.exists():
-        existing = [name for name in RELEASED_NAMES if (directory / name).exists()]
-        found = f"of the released files it has {listed(existing)}" if existing else "it has none of the released files"
-        raise NoTasksError(f"{directory}: lacks {path.name}; {found}")
-    return path
-
-
-def read_released_file(path: Path, faults: list[Fault]) -> Source:
-    """A file with a released name. Raises CorpusError when it is not a JSON object."""
-    text, sha256 = read_text(path)
-    configuration = RELEASED_NAMES[path.name]
-    try:
-        content = parse_object("the file", text)
-    except ValueError as fault:
-        raise CorpusError(f"{path}: {fault}") from None
-    records: list[Record] = []
-    for name, value in content.items():
-        where = f"{path}, entry {name!r}"
-        if (entry := checked(faults, where, as_object, "an entry", value)) is not None:
-            record = Record(where, where, name, entry.get("sentence"), entry.get("lf"))
-            if configuration[1] == FLIPIT:
-                label = LABELS.get(str(entry.get("label")), entry.get("label"))
-                record = record._replace(label=label, scene=entry.get("structured_rep"), is_flipit=True)
-            records.append(record)
-    return Source(path, RELEASE_NAME, sha256, {configuration: records})

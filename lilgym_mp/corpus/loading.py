@@ -11,7 +11,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
-from lilgym_mp.corpus.formats import Configuration, read_corpus_file, read_released_file, released_path
+from lilgym_mp.corpus.formats import Configuration, read_corpus_file
 from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.corpus.records import SPLITS, STARTS
@@ -20,7 +20,8 @@ from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
-# A string like Gymnasium's entry points: most processes do not need the generator, which depends on this package.
+# Strings like Gymnasium's entry points: most processes do not need these modules.
+RELEASED = "lilgym_mp.corpus.official"
 GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
 
 _LOADING = threading.Lock()
@@ -45,7 +46,7 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
         return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
         is_released = path.is_dir()
-        file = released_path(path, appearance, start, split) if is_released else path
+        file = resolve_name(f"{RELEASED}:released_path")(path, appearance, start, split) if is_released else path
         try:
             status = file.stat()
         except OSError as fault:
@@ -79,10 +80,13 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
     appearance, start, _ = configuration
     *_, is_released = cache_key
     with note_after(f"loading corpus {corpus}"):
-        source = read_released_file(file, faults) if is_released else read_corpus_file(file, faults, configuration)
+        reader = resolve_name(f"{RELEASED}:read_released_file") if is_released else read_corpus_file
+        source = reader(file, faults, configuration)
         provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)
-        reader = TaskReader(appearance, faults)
-        tasks = TaskSet(reader.tasks(source.records[configuration], trusted=source.is_prevalidated), provenance)
+        tasks = TaskSet(
+            TaskReader(appearance, faults).tasks(source.records[configuration], trusted=source.is_prevalidated),
+            provenance,
+        )
     if faults:
         raise CorpusError(str(faults[0]))
     if not tasks:

@@ -13,23 +13,69 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from lilgym_mp.corpus.faults import CorpusError, Fault
-from lilgym_mp.corpus.formats import RELEASED_NAMES, read_released_file
-from lilgym_mp.corpus.records import SPLITS, Record, read_bytes
+from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError, checked
+from lilgym_mp.corpus.formats import Source
+from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS, Record, as_object, parse_object, read_bytes, read_text
 from lilgym_mp.corpus.tasks import TaskReader, contexts
+from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
 
 RELEASE = "0.0.1"
+RELEASE_NAME = "lilGym"
+LABELS = {"true": True, "false": False}
 STATEMENT_COUNT = 2_661  # distinct statements of all splits and both appearances
 # No commit is named because that of the release is unknown: `check_official_file` verifies what the newest one has.
 TREE_URL = "https://api.github.com/repos/lil-lab/lilgym/git/trees/HEAD?recursive=1"
 RAW_URL = "https://raw.githubusercontent.com/lil-lab/lilgym/HEAD"
 RETRIES = 1
 SILENCE = 30.0  # seconds without a byte after which a try has failed
+
+
+def released_name(appearance: str, start: str, split: str) -> str:
+    return f"{appearance}_{start}_{split}.json"
+
+
+RELEASED_NAMES = {
+    released_name(*configuration): configuration for configuration in product(APPEARANCES, STARTS, SPLITS)
+}
+
+
+def released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
+    """The released file of one configuration and split.
+
+    Raises NoTasksError naming the missing file and the released files that exist.
+    """
+    path = directory / released_name(appearance, start, split)
+    if not path.exists():
+        existing = [name for name in RELEASED_NAMES if (directory / name).exists()]
+        found = f"of the released files it has {listed(existing)}" if existing else "it has none of the released files"
+        raise NoTasksError(f"{directory}: lacks {path.name}; {found}")
+    return path
+
+
+def read_released_file(path: Path, faults: list[Fault], wanted: object = None) -> Source:
+    """A file with a released name. Raises CorpusError when it is not a JSON object."""
+    text, sha256 = read_text(path)
+    configuration = RELEASED_NAMES[path.name]
+    try:
+        content = parse_object("the file", text)
+    except ValueError as fault:
+        raise CorpusError(f"{path}: {fault}") from None
+    records: list[Record] = []
+    for name, value in content.items():
+        where = f"{path}, entry {name!r}"
+        if (entry := checked(faults, where, as_object, "an entry", value)) is not None:
+            record = Record(where, where, name, entry.get("sentence"), entry.get("lf"))
+            if configuration[1] == FLIPIT:
+                label = LABELS.get(str(entry.get("label")), entry.get("label"))
+                record = record._replace(label=label, scene=entry.get("structured_rep"), is_flipit=True)
+            records.append(record)
+    return Source(path, RELEASE_NAME, sha256, {configuration: records})
 
 
 class FileFacts(NamedTuple):

@@ -1,10 +1,16 @@
 """Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from lilgym_mp.envs.config import EnvConfig as Settings
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Observations, Policy, random_legal, random_unmasked
-from lilgym_mp.evaluation.runs import Summary, evaluate, summarise, training_statements
+from lilgym_mp.evaluation.runs import evaluate
+
+if TYPE_CHECKING:
+    from lilgym_mp.evaluation.results import Summary, summarise, training_statements
 
 __all__ = [
     "CONFIGURATIONS",
@@ -19,3 +25,9 @@ __all__ = [
     "summarise",
     "training_statements",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ("Summary", "summarise", "training_statements"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.results"), name)

@@ -29,7 +29,8 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
-from lilgym_mp.evaluation.episodes import Episode, read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX, write_atomically
 from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver

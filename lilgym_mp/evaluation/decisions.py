@@ -5,35 +5,22 @@ docs/report.md describes every key.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_COUNT
+from lilgym_mp.evaluation.policies import PolicyOutput, action_cells
 from lilgym_mp.scene.actions import Action, ActionType, describe, named
 from lilgym_mp.scene.appearances import Appearance
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float64Array
 
 MAX_LIKELIEST = 5  # actions and programs recorded per step
 MIN_PROBABILITY = 0.0005  # cells with lower probabilities are not recorded
 DIGITS = 4
 
 Cells = Mapping[int, float]  # probability by cell
-FloatArray = NDArray[np.floating[Any]]
-
-
-class PolicyOutput(NamedTuple):
-    """Outputs of a policy's latest call, for B states."""
-
-    probabilities: FloatArray  # (B, actions) probability of each action; one-hot if the policy is deterministic
-    values: FloatArray | None = None  # (B,) the critic's value estimates
-    success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
-    programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
-    notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
 @dataclass(frozen=True)
@@ -85,24 +72,6 @@ def _probability(name: str, value: Any) -> float:
     return float(value)
 
 
-class ActionCells(NamedTuple):
-    """Type and cell of each action of an appearance."""
-
-    types: Int64Array  # (actions,) ActionType
-    cells: Int64Array  # (actions,) index, 0 for STOP
-    count: int  # number of cells
-
-
-@lru_cache(maxsize=4)
-def action_cells(appearance: Appearance) -> ActionCells:
-    """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
-    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
-    types, first, second = arrays.T[:3]
-    columns, rows = appearance.grid or (BOX_COUNT, 1)
-    cells = first if appearance.grid is None else first * rows + second
-    return ActionCells(types, np.where(types == ActionType.STOP, 0, cells), columns * rows)
-
-
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:
     """The decisions in B states; `legal`: (B, actions) exact masks, even if the policy did not see them.
 
@@ -152,10 +121,3 @@ def _kept(cells: np.ndarray) -> dict[int, float]:
 def _rounded(probability: float) -> float:
     """Rounded and clipped to 0 .. 1, which float32 sums may exceed."""
     return round(min(max(probability, 0.0), 1.0), DIGITS)
-
-
-def one_hot(chosen: Int64Array, action_count: int) -> FloatArray:
-    """(B, actions) probabilities of a deterministic policy that chose these B actions."""
-    probabilities = np.zeros((len(chosen), action_count))
-    probabilities[np.arange(len(chosen)), chosen] = 1
-    return probabilities

@@ -82,14 +82,16 @@ Record = TypeVar("Record")
 _hints = cache(get_type_hints)
 
 
-def checked(record: Record) -> Record:
+def checked(record: Record, hints: Mapping[str, Any] | None = None) -> Record:
     """The dataclass instance itself. Raises ValueError naming a field whose value is not of its type.
 
-    Whole numbers must not be negative, and numbers must be finite and no larger than MAX_NUMBER.
+    Whole numbers must not be negative, and numbers must be finite and no larger than MAX_NUMBER. `hints`: the types of
+    the fields, by default as its class states them.
     """
+    hints = hints or _hints(type(record))
     for each in fields(cast("Any", record)):
         value = getattr(record, each.name)
-        if not _is_of(value, _hints(type(record))[each.name]):
+        if not _is_of(value, hints[each.name]):
             raise ValueError(f"{each.name} must be of type {each.type}, not {value!r:.80}")
     return record
 

@@ -5,18 +5,22 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
-from lilgym_mp.evaluation.decisions import FloatArray, PolicyOutput, action_cells, one_hot
+from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import STOP, Action, ActionType
+from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 
+FloatArray = NDArray[np.floating[Any]]
 GREEDY, SAMPLED, AS_TRAINED = ACTION_MODES = "greedy", "sampled", "as-trained"
 
 
@@ -29,6 +33,16 @@ class Observations(NamedTuple):
     steps: Int64Array  # (B,) steps taken in the episode
     episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
     states: Sequence[State] = ()  # B, for policies with `needs_states`
+
+
+class PolicyOutput(NamedTuple):
+    """Outputs of a policy's latest call, for B states."""
+
+    probabilities: FloatArray  # (B, actions) probability of each action; one-hot if the policy is deterministic
+    values: FloatArray | None = None  # (B,) the critic's value estimates
+    success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
+    programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
+    notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
 class Policy(ABC):
@@ -82,6 +96,24 @@ random_legal = RandomLegal()
 random_unmasked = FunctionPolicy(lambda observations, legal, rng: rng.integers(legal.shape[1], size=len(legal)))
 
 
+class ActionCells(NamedTuple):
+    """Type and cell of each action of an appearance."""
+
+    types: Int64Array  # (actions,) ActionType
+    cells: Int64Array  # (actions,) index, 0 for STOP
+    count: int  # number of cells
+
+
+@lru_cache(maxsize=4)
+def action_cells(appearance: Appearance) -> ActionCells:
+    """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
+    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
+    types, first, second = arrays.T[:3]
+    columns, rows = appearance.grid or (BOX_COUNT, 1)
+    cells = first if appearance.grid is None else first * rows + second
+    return ActionCells(types, np.where(types == ActionType.STOP, 0, cells), columns * rows)
+
+
 class RandomType(Policy):
     """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 
@@ -121,6 +153,13 @@ class ExpertPolicy(Policy):
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))
+
+
+def one_hot(chosen: Int64Array, action_count: int) -> FloatArray:
+    """(B, actions) probabilities of a deterministic policy that chose these B actions."""
+    probabilities = np.zeros((len(chosen), action_count))
+    probabilities[np.arange(len(chosen)), chosen] = 1
+    return probabilities
 
 
 NO_SUPERVISION = "none"

@@ -14,11 +14,12 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import Episode, Header, scenes, write_episodes
+from lilgym_mp.evaluation.episode_files import Header, write_episodes
+from lilgym_mp.evaluation.episodes import Episode, scenes
 from lilgym_mp.evaluation.files import SUFFIX, writable_directory
 from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.runs import Result
+from lilgym_mp.evaluation.results import Result
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver

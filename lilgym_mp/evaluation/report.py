@@ -11,7 +11,7 @@ from typing import Any
 
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.runs import Result, SuccessCount
+from lilgym_mp.evaluation.results import Result, SuccessCount
 from lilgym_mp.evaluation.terminal import NUMBER, table
 
 FORMAT = "lilgym_mp-evaluation"

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.runs import training_statements
+from lilgym_mp.evaluation.results import training_statements
 from lilgym_mp.learning.common.agents import AgentError
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy

@@ -18,7 +18,7 @@ from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
 from tests.corpora import write_own_corpus
 

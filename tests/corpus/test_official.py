@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import pytest
 
 from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks, official
-from lilgym_mp.corpus.formats import read_released_file
 from lilgym_mp.corpus.official import (
     FILE_FACTS,
     STATEMENT_COUNT,
@@ -21,6 +20,7 @@ from lilgym_mp.corpus.official import (
     download_official,
     import_official,
     official_names,
+    read_released_file,
 )
 
 SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"

@@ -10,10 +10,10 @@ import pytest
 
 from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
-from lilgym_mp.evaluation.episodes import Recording, read_episodes
+from lilgym_mp.evaluation.episode_files import Recording, read_episodes
 from lilgym_mp.evaluation.policies import Policy, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import make_appearance

@@ -17,12 +17,12 @@ from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings, recording_metadata
-from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import read_metadata
-from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.scripts import load_script

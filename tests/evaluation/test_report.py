@@ -16,7 +16,7 @@ from lilgym_mp.evaluation.report import (
     results_json,
     results_text,
 )
-from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play, playable, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, Result, play, playable, training_statements
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP

@@ -10,7 +10,7 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo

@@ -15,7 +15,8 @@ from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import Episode, Header, write_episodes
+from lilgym_mp.evaluation.episode_files import Header, write_episodes
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 from lilgym_mp.learning.common.run_directory import FORMAT, VERSION

@@ -31,7 +31,8 @@ from lilgym_mp.contrib.report.learning_curves import dev_curves
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.results import paired_tests
 from lilgym_mp.contrib.report.writing import chapters
-from lilgym_mp.evaluation.episodes import Episode, Recording
+from lilgym_mp.evaluation.episode_files import Recording
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
 from tests.report.recordings import (
     EPISODES,

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from tests.corpora import write_thin_corpus
 from tests.web.web_app import Browser, server
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.evaluation.episodes import Episode, Recording
+from lilgym_mp.evaluation.episode_files import Recording
+from lilgym_mp.evaluation.episodes import Episode
 
 RESAMPLES = 4_000
 CONFIDENCE = 0.95

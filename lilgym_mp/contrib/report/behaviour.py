@@ -10,7 +10,8 @@ from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_stri
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
-from lilgym_mp.evaluation.episodes import Episode, Recording, scenes
+from lilgym_mp.evaluation.episode_files import Recording
+from lilgym_mp.evaluation.episodes import Episode, scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
 from lilgym_mp.scene.appearances import InvalidReason

@@ -14,7 +14,8 @@ from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episodes
+from lilgym_mp.evaluation.episode_files import Header, Recording, read_episodes
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run

@@ -16,8 +16,8 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.evaluation.decisions import action_cells
 from lilgym_mp.evaluation.episodes import scenes
+from lilgym_mp.evaluation.policies import action_cells
 from lilgym_mp.programs.tracing import BOX_TITLES, cell_text, trace
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
 from lilgym_mp.scene.actions import Action, ActionType, describe

@@ -22,7 +22,7 @@ from fastapi import HTTPException
 from lilgym_mp.contrib.web.responses import LOGGER, refusing
 from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
+from lilgym_mp.evaluation.episode_files import Header, Recording, read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.learning.common.learners import shipped_agents
 from lilgym_mp.learning.common.run_directory import AGENT_FILE

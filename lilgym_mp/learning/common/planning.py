@@ -10,7 +10,7 @@ import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Observations, Policy
-from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
+from lilgym_mp.evaluation.policies import PolicyOutput, one_hot
 from lilgym_mp.perception import read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action

@@ -14,7 +14,7 @@ from torch import Tensor
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.evaluation import Episode, Observations, Policy, Settings
-from lilgym_mp.evaluation.decisions import PolicyOutput
+from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, precision
 from lilgym_mp.learning.common.words import StatementTokenizer

@@ -13,7 +13,7 @@ import torch
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
-from lilgym_mp.evaluation.decisions import PolicyOutput
+from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_configuration
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS, FactoredPolicy

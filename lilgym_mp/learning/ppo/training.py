@@ -36,7 +36,7 @@ from lilgym_mp.learning.common.update import (
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe, make_model
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
-from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
+from lilgym_mp.learning.ppo.validation import Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import Int64Array
 
@@ -124,7 +124,11 @@ class Run(TrainingRun):
 
             self._graphed = GraphedModel(self.model, self._optimiser, recipe, self._precision)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
-        self.curve = LearningCurve(settings, recipe, evaluate_every, self.files) if evaluate_every else None
+        self.curve = None
+        if evaluate_every:
+            from lilgym_mp.learning.ppo.learning_curve import LearningCurve
+
+            self.curve = LearningCurve(settings, recipe, evaluate_every, self.files)
         self.parts = {"network": self.model, "optimiser": self._optimiser}
         if not self.load():
             self._collector.reset(self._rng)

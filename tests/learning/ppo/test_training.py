@@ -25,9 +25,9 @@ from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe
+from lilgym_mp.learning.ppo.learning_curve import LearningCurve
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
-from lilgym_mp.learning.ppo.validation import LearningCurve
 from lilgym_mp.scene import Scene
 from tests.corpora import write_own_corpus
 from tests.learning.conftest import equal, weights
@@ -183,6 +183,7 @@ def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own: st
 def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
     tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch
 ):
+
     from lilgym_mp.learning.ppo import validation
 
     shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])

@@ -17,10 +17,11 @@ from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
 from lilgym_mp.contrib.web.runs import FoundFile
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, Header, Recording, scenes
+from lilgym_mp.evaluation.episode_files import Header, Recording
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, scenes
 from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
 from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError

@@ -1,0 +1,180 @@
+"""Results of policies on the tasks of a split, with statistics."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
+from lilgym_mp.evaluation.policies import NamedPolicy, as_policy
+from lilgym_mp.evaluation.runs import BATCH_SIZE, evaluate
+
+TRAINING_SPLIT = "train"
+
+
+@dataclass(frozen=True, slots=True)
+class SuccessCount:
+    """Number of episodes, and of successes among them."""
+
+    episodes: int
+    successes: int
+
+    @property
+    def accuracy(self) -> float | None:
+        """Task-completion accuracy, None if there are no episodes."""
+        return self.successes / self.episodes if self.episodes else None
+
+    @classmethod
+    def of(cls, episodes: Collection[Episode]) -> SuccessCount:
+        return cls(len(episodes), sum(episode.is_success for episode in episodes))
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Statistics of a policy on a split."""
+
+    seen: SuccessCount  # statements that occur verbatim in the training tasks
+    unseen: SuccessCount
+    mean_reward: float
+    mean_length: float  # mean number of actions
+    outcomes: dict[str, float]  # fraction of all episodes by final outcome
+
+    @property
+    def accuracy(self) -> float:
+        return self.outcomes["success"]
+
+
+def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
+    """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
+    if not episodes:
+        raise ValueError("cannot summarise zero episodes")
+    outcomes = Counter(episode.outcome for episode in episodes)
+    seen = [episode for episode in episodes if episode.statement in training_statements]
+    unseen = [episode for episode in episodes if training_statements and episode.statement not in training_statements]
+    return Summary(
+        seen=SuccessCount.of(seen),
+        unseen=SuccessCount.of(unseen),
+        mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
+        mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
+        outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},
+    )
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """The tasks and settings with which all policies are evaluated in one configuration: arguments of `evaluate`."""
+
+    settings: EnvConfig
+    split: str
+    seed: int = 0
+    passes: int = 1
+    batch_size: int = BATCH_SIZE
+    record_decisions: bool = False
+    task_ids: Sequence[str] | None = None  # None: every task of the split
+
+    def __str__(self) -> str:
+        settings = self.settings
+        repeats = "each task once" if self.passes == 1 else f"each task {self.passes} times"
+        return (
+            f"{settings.configuration}, corpus {settings.corpus}, split {self.split}, rules {settings.rules}:"
+            f" {repeats}, seed {self.seed}"
+        )
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes per policy."""
+        return len(self.settings.tasks(self.split)) * self.passes
+
+    def to_json(self) -> dict[str, Any]:
+        """The plan with the provenance of the tasks, and the numbers of start scenes and contexts."""
+        tasks = self.settings.tasks(self.split)
+        return {
+            "settings": self.settings.to_json(),
+            "split": self.split,
+            "seed": self.seed,
+            "passes": self.passes,
+            "batch_size": self.batch_size,
+            "tasks": {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)},
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of one policy under one plan."""
+
+    named: NamedPolicy
+    plan: EvaluationPlan
+    summary: Summary
+    episodes: Sequence[Episode]
+    cpu_seconds: float  # CPU time of the whole evaluation
+    mask: bool = False  # whether illegal actions were masked
+
+    @property
+    def name(self) -> str:
+        return self.named.name
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as one row of a file; accuracies from 0 to 1, None if there are no episodes."""
+        summary, plan, settings = self.summary, self.plan, self.plan.settings
+        return {
+            "agent": self.name,
+            "configuration": settings.configuration,
+            "corpus": settings.corpus,
+            "split": plan.split,
+            "rules": settings.rules,
+            "horizon": settings.horizon,
+            "supervision": self.named.supervision,
+            "start_scenes": len(self.episodes) // plan.passes,
+            "contexts": len({(episode.statement, episode.target) for episode in self.episodes}),
+            "passes": plan.passes,
+            "seed": plan.seed,
+            "accuracy": summary.accuracy,
+            "accuracy_seen": summary.seen.accuracy,
+            "accuracy_unseen": summary.unseen.accuracy,
+            "episodes_seen": summary.seen.episodes,
+            "episodes_unseen": summary.unseen.episodes,
+            "mean_reward": summary.mean_reward,
+            "mean_length": summary.mean_length,
+            "outcomes": summary.outcomes,
+            "cpu_seconds": round(self.cpu_seconds, 3),
+            "mask": self.mask,
+            **dict(self.named.details),
+        }
+
+
+def play(
+    named: NamedPolicy,
+    plan: EvaluationPlan,
+    training_statements: Collection[str],
+    on_episode: Callable[[Episode], object] = lambda episode: None,
+) -> Result:
+    """Evaluates a policy on all tasks of the plan.
+
+    `training_statements`: statements that count as seen. `on_episode` is called with each episode as it ends.
+    Raises ValueError for a configuration that the policy cannot play.
+    """
+    policy = as_policy(named.policy(plan.settings))
+    began = time.process_time()
+    episodes = evaluate(policy, **vars(plan), on_episode=on_episode)
+    mask = policy.needs_masks if named.mask is None else named.mask
+    summary, seconds = summarise(episodes, training_statements), time.process_time() - began
+    return Result(named, plan, summary, episodes, seconds, mask)
+
+
+def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:
+    """The policies that can play the plan's configuration."""
+    return [named for named in named_policies if plan.settings.configuration in named.configurations]
+
+
+def training_statements(settings: EnvConfig) -> set[str]:
+    """The statements of the settings' training split; none if the corpus has no such split."""
+    try:
+        tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    except NoTasksError:
+        return set()
+    return {task.statement for task in tasks}
