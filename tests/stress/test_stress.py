@@ -50,7 +50,7 @@ def test_random_programs__have_the_same_truth_in_every_form(count: int) -> None:
 
 @pytest.mark.long
 def test_random_wrapper_stacks__play_alike_on_single_batched_and_worker_environments() -> None:
-    compared, found = wrapper_stacks.compare(count=16, seed=2)
+    compared, found = wrapper_stacks.compare(count=16, seed=4)
     assert not found
     assert compared["played"] >= 8
     assert compared["also by workers"]
