@@ -50,7 +50,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/learning/common/update.py:policy_loss": ("tests/learning/ppo/test_update.py",),
     "lilgym_mp/learning/common/update.py:generalised_advantages": ("tests/learning/ppo/test_update.py",),
     "lilgym_mp/learning/game/rollout.py:own_turn_advantages": ("tests/learning/game/test_rollout.py",),
-    "lilgym_mp/evaluation/runs.py:summarise": ("tests/evaluation",),
+    "lilgym_mp/evaluation/results.py:summarise": ("tests/evaluation",),
     "lilgym_mp/contrib/report/aggregation.py:paired_difference": ("tests/report",),
     "wrappers/actions.py:Forcing.action_masks": ("tests/wrappers/test_stop_forcing.py",),
 }
