@@ -59,7 +59,7 @@ def released_path(directory: Path, appearance: str, start: str, split: str) -> P
 
 
 def read_released_file(path: Path, faults: list[Fault], wanted: object = None) -> Source:
-    """A file with a released name. Raises CorpusError when it is not a JSON object."""
+    """A file with a released name, of one configuration, the wanted one. Raises CorpusError if it is no JSON object."""
     text, sha256 = read_text(path)
     configuration = RELEASED_NAMES[path.name]
     try:
