@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.actions import STOP, ActionType
+from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
@@ -105,17 +105,6 @@ NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per v
 MASKS = {form: form for form in (NUMBERS, SLOTS)}
 
 
-@cache
-def _array_tables(appearance: Appearance) -> tuple[Int64Array, Int64Array]:
-    """(actions, slots) the array form of each action, -1 in unused slots, and the action of each array in range."""
-    indices = range(appearance.action_count)
-    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in indices])
-    actions = np.zeros(1 + arrays.max(axis=0), np.int64)
-    for index, array in zip(indices, arrays.tolist(), strict=True):
-        actions[tuple(slice(None) if value < 0 else value for value in array)] = index
-    return arrays, actions
-
-
 class ArrayDecoding(Transformation):
     """Decodes batches of action arrays to action indices."""
 
@@ -126,28 +115,39 @@ class ArrayDecoding(Transformation):
         description.require_discrete_actions()
         self._by_slots = choose("masks", masks, MASKS) == SLOTS
         self._appearance = description.dynamics.appearance
-        self._arrays, self._actions = _array_tables(self._appearance)
-        self._sizes = np.array(self._actions.shape)
+        # Each action type has consecutive indices, last slot fastest (docs/spec.md, "Actions"): the first of them, and
+        # the array form of the last action, which has the largest value of each slot, -1 if unused.
+        unused = [0] * (len(self._appearance.to_array(STOP)) - 1)
+        arrays = ([int(action_type), *unused] for action_type in ActionType)
+        self._firsts = [self._appearance.encode(self._appearance.from_array(array)) for array in arrays]
+        ends = [*self._firsts[1:], self._appearance.action_count]
+        self._lasts = np.array([self._appearance.to_array(self._appearance.decode(end - 1)) for end in ends])
+        self._sizes = 1 + self._lasts.max(axis=0)
 
     def action_space(self) -> spaces.MultiDiscrete:
         return spaces.MultiDiscrete(self._sizes)
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
         """Raises ActionError for an array of another shape or a value out of range."""
-        given = np.asarray(actions)
-        if given.ndim == 2 and given.shape[1] == len(self._sizes) and given.dtype.kind in "iu":
-            indices = self._actions[tuple(given.clip(0, self._sizes - 1).T)]
-            found = self._arrays[indices]
-            if ((found < 0) | (found == given)).all():  # values of unused slots do not matter
-                return indices, {}
-        appearance = self._appearance  # one by one, for the messages of its errors
-        return np.array([appearance.encode(appearance.from_array(array)) for array in actions]), {}
+        arrays = np.asarray(actions)
+        if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
+            return self._decode_one_by_one(actions), {}
+        indices = np.zeros(len(arrays), np.int64)
+        is_valid = np.zeros(len(arrays), np.bool_)
+        for action_type, (last, first_index) in enumerate(zip(self._lasts, self._firsts, strict=True)):
+            rows = arrays[:, 0] == action_type
+            slots = np.flatnonzero(last[1:] >= 0) + 1
+            values = arrays[np.ix_(rows, slots)]
+            is_valid[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
+            if slots.size and is_valid[rows].all():
+                indices[rows] = first_index + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
+        return (indices if is_valid.all() else self._decode_one_by_one(arrays)), {}
 
     def action_masks(self, state: EnvState) -> BoolArray:
         legal = state.action_masks()
         if not self._by_slots:
             return legal
-        values = self._arrays
+        values = action_arrays(self._appearance)
         flags = [
             np.stack([legal[:, values[:, slot] == value].any(axis=1) for value in range(size)], axis=1)
             for slot, size in enumerate(self._sizes)
@@ -155,6 +155,10 @@ class ArrayDecoding(Transformation):
         for slot in flags:
             slot[~slot.any(axis=1)] = True  # no legal action uses the slot, so its value is ignored
         return np.concatenate(flags, axis=1)
+
+    def _decode_one_by_one(self, arrays: Batch) -> Int64Array:
+        """The slow path, for its error messages."""
+        return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
 
 
 class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):

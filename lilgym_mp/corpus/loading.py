@@ -80,13 +80,13 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
     appearance, start, _ = configuration
     *_, is_released = cache_key
     with note_after(f"loading corpus {corpus}"):
-        reader = resolve_name(f"{RELEASED}:read_released_file") if is_released else read_corpus_file
-        source = reader(file, faults, configuration)
+        if is_released:
+            source = resolve_name(f"{RELEASED}:read_released_file")(file, faults)
+        else:
+            source = read_corpus_file(file, faults, configuration)
         provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)
-        tasks = TaskSet(
-            TaskReader(appearance, faults).tasks(source.records[configuration], trusted=source.is_prevalidated),
-            provenance,
-        )
+        reader = TaskReader(appearance, faults)
+        tasks = TaskSet(reader.tasks(source.records[configuration], trusted=source.is_prevalidated), provenance)
     if faults:
         raise CorpusError(str(faults[0]))
     if not tasks:

@@ -27,7 +27,7 @@ from lilgym_mp.scene.choices import listed
 
 RELEASE = "0.0.1"
 RELEASE_NAME = "lilGym"
-LABELS = {"true": True, "false": False}
+LABELS = {"true": True, "false": False}  # as the files spell them
 STATEMENT_COUNT = 2_661  # distinct statements of all splits and both appearances
 # No commit is named because that of the release is unknown: `check_official_file` verifies what the newest one has.
 TREE_URL = "https://api.github.com/repos/lil-lab/lilgym/git/trees/HEAD?recursive=1"
@@ -58,8 +58,8 @@ def released_path(directory: Path, appearance: str, start: str, split: str) -> P
     return path
 
 
-def read_released_file(path: Path, faults: list[Fault], wanted: object = None) -> Source:
-    """A file with a released name, of one configuration, the wanted one. Raises CorpusError if it is no JSON object."""
+def read_released_file(path: Path, faults: list[Fault]) -> Source:
+    """A file with a released name. Raises CorpusError when it is not a JSON object."""
     text, sha256 = read_text(path)
     configuration = RELEASED_NAMES[path.name]
     try:

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
 
-from lilgym_mp.evaluation.policies import PolicyOutput, action_cells
+from lilgym_mp.evaluation.policies import PolicyOutput
+from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import Action, ActionType, describe, named
 from lilgym_mp.scene.appearances import Appearance
-from lilgym_mp.scene.arrays import BoolArray, Float64Array
+from lilgym_mp.scene.appearances.base import action_arrays
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 MAX_LIKELIEST = 5  # actions and programs recorded per step
 MIN_PROBABILITY = 0.0005  # cells with lower probabilities are not recorded
@@ -70,6 +73,18 @@ def _probability(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
         raise ValueError(f"{name} must be probabilities from 0 to 1, not {value!r:.80}")
     return float(value)
+
+
+@lru_cache(maxsize=4)
+def action_cells(appearance: Appearance) -> tuple[Int64Array, Int64Array, int]:
+    """(actions,) the type and the cell, 0 for STOP, of each action, and the number of cells.
+
+    Tower's cells are its boxes; Scatter's have the index column x rows + row.
+    """
+    types, first, second = action_arrays(appearance).T[:3]
+    columns, rows = appearance.grid or (BOX_COUNT, 1)
+    cells = first if appearance.grid is None else first * rows + second
+    return types, np.where(types == ActionType.STOP, 0, cells), columns * rows
 
 
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
-from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import STOP, Action, ActionType
-from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 
@@ -96,31 +94,13 @@ random_legal = RandomLegal()
 random_unmasked = FunctionPolicy(lambda observations, legal, rng: rng.integers(legal.shape[1], size=len(legal)))
 
 
-class ActionCells(NamedTuple):
-    """Type and cell of each action of an appearance."""
-
-    types: Int64Array  # (actions,) ActionType
-    cells: Int64Array  # (actions,) index, 0 for STOP
-    count: int  # number of cells
-
-
-@lru_cache(maxsize=4)
-def action_cells(appearance: Appearance) -> ActionCells:
-    """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
-    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
-    types, first, second = arrays.T[:3]
-    columns, rows = appearance.grid or (BOX_COUNT, 1)
-    cells = first if appearance.grid is None else first * rows + second
-    return ActionCells(types, np.where(types == ActionType.STOP, 0, cells), columns * rows)
-
-
 class RandomType(Policy):
     """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 
     needs_masks = False
 
     def __init__(self, settings: EnvConfig) -> None:
-        types = action_cells(settings.dynamics().appearance).types
+        types = action_arrays(settings.dynamics().appearance)[:, 0]
         self._indices = [np.flatnonzero(types == action_type) for action_type in ActionType]  # of the actions, by type
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:

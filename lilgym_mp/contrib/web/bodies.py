@@ -17,11 +17,11 @@ from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.evaluation.policies import action_cells
 from lilgym_mp.programs.tracing import BOX_TITLES, cell_text, trace
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
 from lilgym_mp.scene.actions import Action, ActionType, describe
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.render.frames import smooth_picture
 
 IMAGE_CACHE_SIZE = 2_000
@@ -117,7 +117,7 @@ def changed_item(before: Scene, after: Scene) -> JSON | None:
 def removable_items(dynamics: Dynamics, scene: Scene) -> dict[str, JSON]:
     """The item that each legal REMOVE removes, by the action's name."""
     appearance, placement = dynamics.appearance, dynamics.rules.placement
-    removals = action_cells(appearance).types == ActionType.REMOVE
+    removals = action_arrays(appearance)[:, 0] == ActionType.REMOVE
     found: dict[str, JSON] = {}
     for index in np.flatnonzero(removals & appearance.legal_mask(scene, placement)).tolist():
         action = appearance.decode(index)

@@ -18,6 +18,7 @@ from torch import Tensor
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.scene.arrays import Float32Array, Float64Array, Int64Array
 
@@ -67,19 +68,13 @@ def edit_actions(factorisation: Factorisation, action_type: ActionType, used: tu
 _EDITS = (ActionType.ADD, ActionType.REMOVE)
 
 
-def _arrays(appearance: Appearance) -> Int64Array:
-    """(actions, 1 + slots) the type of each action and its slots in the released array form, UNUSED or not."""
-    indices = range(appearance.action_count)
-    return np.array([appearance.to_array(appearance.decode(index)) for index in indices], np.int64)
-
-
 @cache
 def slot_factorisation(appearance: Appearance) -> Factorisation:
     """One head per slot of the released array form; ADD and REMOVE share the position heads, as in the release.
 
     Tower: box 3, colour 3. Scatter on the released grid: x 19, y 5, shape 3, colour 3, size 3.
     """
-    types, choices = np.split(_arrays(appearance), [1], 1)
+    types, choices = np.split(action_arrays(appearance), [1], 1)
     used = [[edit for edit in _EDITS if edit in types[column != UNUSED]] for column in choices.T]
     heads = (Head(1 + int(column.max()), tuple(edits)) for column, edits in zip(choices.T, used, strict=True))
     return Factorisation(tuple(heads), types[:, 0], choices)
@@ -92,7 +87,7 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
     A Tower box is a single cell with three item types, its colours. Scatter's cells on separators, where no edit is
     ever legal, come after the others with `separators`, and have probability 0 without.
     """
-    types, *slots = _arrays(appearance).T
+    types, *slots = action_arrays(appearance).T
     if appearance.grid is None:
         cells, item_types = slots
         item_type_count = len(Colour)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -187,12 +187,9 @@ def mean_losses(parts: list[Losses]) -> Losses:
 def make_optimiser(model: nn.Module, recipe: UpdateRecipe) -> torch.optim.Optimizer:
     """The recipe's optimiser of the parameters that require gradients."""
     trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
-    # On CUDA in a form that CUDA graphs can capture, with the learning rate on the device.
-    options: dict[str, Any] = {"fused": True, "capturable": trained[0].is_cuda}
-    rate = torch.tensor(recipe.learning_rate).cuda() if trained[0].is_cuda else recipe.learning_rate
     if recipe.optimiser == "adamw":  # the release's, with torch's weight decay
-        return torch.optim.AdamW(trained, rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, **options)
-    return torch.optim.Adam(trained, rate, eps=1e-5, **options)
+        return torch.optim.AdamW(trained, recipe.learning_rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, fused=True)
+    return torch.optim.Adam(trained, recipe.learning_rate, eps=1e-5, fused=True)
 
 
 def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float) -> float:
@@ -201,7 +198,6 @@ def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float
     left = 1 - done
     decay = {"constant": 1.0, "linear": left, "cosine": 0.5 * (1 - math.cos(math.pi * left))}[recipe.schedule]
     warm_up = min(1.0, (done or recipe.warmup / 10) / recipe.warmup) if recipe.warmup else 1.0  # above 0 at first
-    rate = recipe.learning_rate * decay * warm_up
     for group in optimiser.param_groups:
-        group["lr"] = group["lr"].fill_(rate) if isinstance(group["lr"], Tensor) else rate
+        group["lr"] = recipe.learning_rate * decay * warm_up
     return recipe.entropy + (recipe.final_entropy - recipe.entropy) * done

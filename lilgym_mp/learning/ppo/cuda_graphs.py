@@ -85,19 +85,23 @@ class GraphedModel(Model):
     ) -> list[Losses]:
         """As `update`, with the mini-batches of a rollout's states gathered on the device. Raises TrainingRunError."""
         recipe, columns = self._recipe, (*self._model.fixed_inputs(states), *experience.transitions)
-        entropy = torch.tensor(entropy_coefficient, device=columns[0].device)
+        (group,) = self._optimiser.param_groups
+        rate = group["lr"]
+        coefficients = torch.tensor([entropy_coefficient, rate], device=columns[0].device)
         steps: list[Tensor] = []
         for _ in range(recipe.epochs):
             grouped = recipe.same_statement > 1
             batches = mini_batches(experience.statement_of, recipe.batch_size, rng, by_statement=grouped)
-            for rows in torch.from_numpy(np.stack(list(batches))).to(entropy.device):
-                steps.append(torch.stack(self._step(entropy, rows, *columns)))
+            for rows in torch.from_numpy(np.stack(list(batches))).to(coefficients.device):
+                steps.append(torch.stack(self._step(coefficients, rows, *columns)))
+        group |= {"lr": rate, "capturable": False}  # as in a checkpoint that any device can continue from
         found = [Losses(*step) for step in torch.stack(steps).cpu()]
         mean = mean_losses(found)
         check_finite(mean.total, policy=mean.policy, value=mean.value)
         return found
 
-    def _optimise(self, entropy_coefficient: Tensor, rows: Tensor, *columns: Tensor) -> tuple[Tensor, ...]:
+    def _optimise(self, coefficients: Tensor, rows: Tensor, *columns: Tensor) -> tuple[Tensor, ...]:
+        entropy_coefficient, rate = coefficients
         *inputs, actions, log_probabilities, values, advantages, returns, forced = (column[rows] for column in columns)
         old = Transitions(actions, log_probabilities, values, advantages, returns, forced)
         self._optimiser.zero_grad()
@@ -106,7 +110,8 @@ class GraphedModel(Model):
         policy = FactoredPolicy(self._model.factorisation, types, heads)
         loss = losses(self._recipe, policy, values, old, entropy_coefficient)
         loss.total.backward()
-        parameters = [parameter for group in self._optimiser.param_groups for parameter in group["params"]]
-        nn.utils.clip_grad_norm_(parameters, self._recipe.gradient_norm)
+        (group,) = self._optimiser.param_groups
+        nn.utils.clip_grad_norm_(group["params"], self._recipe.gradient_norm)
+        group |= {"lr": rate, "capturable": rate.is_cuda and torch.cuda.is_current_stream_capturing()}
         self._optimiser.step()
         return loss._replace(total=loss.total.detach())

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_SIDES, Scene, Shape
 from lilgym_mp.scene.actions import Action, ActionError
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 Grid = tuple[int, int]  # columns and rows
 LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint: largest x and y inside the box
@@ -141,3 +142,10 @@ def slot_value(name: str, value: int, count: int) -> int:
     if 0 <= value < count:
         return value
     raise ActionError(f"{name} {value} of the action is out of range; choose from 0 .. {count - 1}")
+
+
+@lru_cache(maxsize=4)
+def action_arrays(appearance: Appearance) -> Int64Array:
+    """(actions, slots) the released array form of each action: its type, then its arguments, -1 in unused slots."""
+    indices = range(appearance.action_count)
+    return np.array([appearance.to_array(appearance.decode(index)) for index in indices], np.int64)

@@ -211,6 +211,8 @@ def test_cuda_graphs__train_as_without_them(
         )  # fmt: skip
         train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
         weights.append(load_file(out / "agent.safetensors"))
+        (group,) = torch.load(out / "checkpoint.pt")["optimiser"]["param_groups"]
+        assert (group["lr"], group["capturable"]) == (recipe.learning_rate, False)  # any device can continue
     for name, tensor in weights[0].items():
         torch.testing.assert_close(tensor, weights[1][name], atol=1e-5, rtol=1e-4)
 
