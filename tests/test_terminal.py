@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from io import StringIO
+from pathlib import Path
 
 import pytest
 
@@ -88,7 +89,10 @@ def test_commands__print_progress_on_stderr(command: str, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command: str, monkeypatch: pytest.MonkeyPatch):
+def test_commands__show_a_bar_with_the_time_left_on_a_terminal(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)  # `llm play` writes its transcripts
     terminal = terminal_as_stderr(monkeypatch)
     assert main(command.split()) == 0
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
