@@ -49,7 +49,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: install  ## train two agents in about three minutes and evaluate them
-	$(BIN)/lilgym-mp demo $(ARGS)
+	@$(BIN)/python examples/demo.py $(ARGS)
 
 test: install  ## run the tests, without the long ones and without lint
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not long' $(ARGS)

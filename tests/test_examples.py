@@ -19,6 +19,8 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episode_files import read_episodes
 from tests.documents import code_blocks
 
 TESTS = Path(__file__).parent
@@ -49,6 +51,30 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> None:
     assert "reward" in run("first_steps.py", "--steps", "2")
     assert (tmp_path / "first_steps.png").stat().st_size > 0
+
+
+@pytest.mark.long
+def test_demo__writes_results_recordings_and_films(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    demo = runpy.run_path(str(EXAMPLES / "demo.py"))
+    short = demo["EXPERIMENT"].read_text().replace("1_900", "80").replace("700", "40")
+    (tmp_path / "short.toml").write_text(short)
+    demo["demo"](tmp_path / "demo", tmp_path / "short.toml")
+    printed = capsys.readouterr().out
+    found = json.loads((tmp_path / "demo" / "results.json").read_text())["results"]
+    assert {row["agent"].split(" (")[0] for row in found} == {
+        *("random type", "random legal", "imitation", "parse-and-plan", "expert"),
+    }
+    assert all(row["episodes_seen"] == 0 for row in found)
+    tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
+    recorded = list((tmp_path / "demo" / "comparison").glob("*.gz"))
+    assert len(recorded) == 5
+    for path in recorded:
+        assert [episode.task for episode in read_episodes(path).episodes] == [*tasks]
+    for name in ("imitation", "parse-and-plan"):
+        film = tmp_path / "demo" / f"{name}.gif"
+        assert str(film) in printed
+        with Image.open(film) as frames:
+            assert getattr(frames, "n_frames", 1) > 1
 
 
 def test_train_masked_ppo__evaluates_the_model_that_it_saves(run: Run, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from lilgym_mp.scene.choices import load_extensions
 
 # Modules of this package, in the order of --help.
 COMMANDS = (
-    *("demo", "play", "train", "evaluate", "report", "experiment"),
+    *("play", "train", "evaluate", "report", "experiment"),
     *("explain", "solve", "data", "llm", "bench", "serve"),
 )
 PROGRAM = "lilgym-mp"

@@ -13,24 +13,37 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
+from numpy.lib.stride_tricks import sliding_window_view
 from torch import Tensor, nn
 
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.learning.common.factored_policy import Factorisation, slot_factorisation
 from lilgym_mp.learning.common.model import Model, Prediction, WeightsError
 from lilgym_mp.learning.common.model_file import weights_digest
-from lilgym_mp.learning.common.states import IMAGE_SHAPE, PITCH, SIDE, States
+from lilgym_mp.learning.common.states import (
+    IMAGE_SHAPE,
+    PITCH,
+    SIDE,
+    States,
+    assign_indices,
+    distinct,
+    padded_rows,
+    row_hashes,
+)
 from lilgym_mp.learning.ppo.learner import FINE_TUNED
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 from lilgym_mp.scene.render.drawing import SEPARATOR_RGB
 
 ARCHITECTURES = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
 MAX_INTENSITY = 255.0
 MAX_TOKENS = 64  # word pieces of a statement
+MOST_SCENES = 10_000  # in a table of windows
 JOINED, TARGET = 512, 32  # widths in C3 and C10
 VILT_PATCHES = 5, 19  # like the action grid
 VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each colour
@@ -147,18 +160,18 @@ class Heads(nn.Module):
         return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
 
 
-def scene_images(states: States, device: torch.device) -> tuple[Tensor, Tensor]:
-    """(V, 50, 190, 3) the distinct half-size images, assembled from their boxes, and (N,) that of each state."""
-    boxes, scenes, image_of = (torch.from_numpy(array).to(device) for array in (states.boxes(), *states.scenes()))
-    images = boxes.new_tensor(SEPARATOR_RGB).repeat(len(scenes), *IMAGE_SHAPE[:2], 1)
+def scene_images(states: States, scenes: Int64Array) -> UInt8Array:
+    """(V, 50, 190, 3) half-size images of scenes (V, 3), assembled from the states' boxes."""
+    boxes = states.boxes()
+    images = np.tile(np.array(SEPARATOR_RGB, np.uint8), (len(scenes), *IMAGE_SHAPE[:2], 1))
     for box in range(BOX_COUNT):
         images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[scenes[:, box]]
-    return images, image_of
+    return images
 
 
-def _floats(images: Tensor) -> Tensor:
+def _floats(images: UInt8Array | Tensor, device: torch.device | None = None) -> Tensor:
     """(V, 3, 50, 190), channels last in memory, from 0 to 1."""
-    return images.permute(0, 3, 1, 2).float() / MAX_INTENSITY
+    return torch.as_tensor(images, device=device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
 
 
 # C3+BERT and C10+BERT
@@ -236,6 +249,56 @@ def _convolutions(sizes: Sequence[tuple[int, int, int, int]]) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Flatten())
 
 
+class WindowTable:
+    """The distinct windows that convolutions see in scenes: images are made of few parts, and each window is convolved
+    once for all images of a batch that have it.
+
+    A window of the first convolution is pixels, of a later one the indices of the windows before it, in row-major
+    order. Index 0 is outside the image.
+    """
+
+    def __init__(self, convolutions: Sequence[nn.Conv2d]) -> None:
+        self._sizes = [cast("tuple[int, ...]", (c.kernel_size[0], c.stride[0], c.padding[0])) for c in convolutions]
+        self._known: list[dict[int, int]] = []
+        self._windows: list[Any] = []  # of each convolution, (U + 1, kernel * kernel * channels)
+        self._scenes: dict[int, int] = {}
+        self._positions: Any = ()  # (S, positions) windows of the last convolution in each scene
+
+    def of(self, states: States, scenes: Int64Array) -> list[UInt8Array | Int64Array]:
+        """The windows in scenes (V, 3) of the states: pixels, those of each later convolution, and (V, positions)."""
+        if len(self._scenes) > MOST_SCENES:
+            self._known, self._windows, self._scenes, self._positions = [], [], {}, ()
+        scene_of, new = assign_indices(row_hashes(states.box_hashes[scenes]), self._scenes)
+        if len(new):
+            positions = self._add(scene_images(states, scenes[new]))
+            self._positions = np.concatenate((self._positions, positions)) if len(self._positions) else positions
+        selected: list[UInt8Array | Int64Array] = []
+        chosen = self._positions[scene_of]
+        for windows in reversed(self._windows):
+            used, renumbered = distinct(np.append(chosen.ravel(), 0), len(windows))
+            selected.append(renumbered[:-1].reshape(chosen.shape))
+            chosen = windows[used]
+        return [chosen, *reversed(selected)]
+
+    def _add(self, images: UInt8Array) -> Int64Array:
+        """(M, positions) windows of the last convolution in images (M, 50, 190, 3)."""
+        seen: Any = images
+        for layer, (kernel, stride, padding) in enumerate(self._sizes):
+            around = (padding, padding)
+            seen = np.pad(seen, ((0, 0), around, around, (0, 0)))
+            cut = sliding_window_view(seen, (kernel, kernel), (1, 2))[:, ::stride, ::stride]
+            rows = np.ascontiguousarray(np.moveaxis(cut, 3, 5)).reshape(-1, kernel * kernel * seen.shape[3])
+            if layer == len(self._windows):
+                self._known.append({})
+                self._windows.append(np.zeros((1, rows.shape[1]), rows.dtype))
+            padded = padded_rows(len(rows), rows[0].nbytes)
+            padded[:, : rows[0].nbytes] = rows.view(np.uint8)
+            indices, new = assign_indices(row_hashes(padded), self._known[layer])
+            self._windows[layer] = np.concatenate((self._windows[layer], rows[new]))
+            seen = 1 + indices.reshape(*cut.shape[:3], 1)
+        return seen.reshape(len(images), -1)
+
+
 class ConvolutionsAndBert(PretrainedModel):
     """Image, statement and target vectors, concatenated as input of an actor and a critic.
 
@@ -252,6 +315,8 @@ class ConvolutionsAndBert(PretrainedModel):
         self._encoder = encoder
         self.factorisation = slot_factorisation(appearance)
         self.convolutions = convolutions()
+        self._layers = [layer for layer in self.convolutions if isinstance(layer, nn.Conv2d)]
+        self._table = WindowTable(self._layers)
         with torch.no_grad():
             features = self.convolutions(torch.zeros(1, 3, *IMAGE_SHAPE[:2])).shape[1]
         self.image = nn.Linear(features, JOINED)
@@ -261,21 +326,42 @@ class ConvolutionsAndBert(PretrainedModel):
         self.heads = Heads(JOINED, self.factorisation) if has_actor else None
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
-    def inputs(self, states: States) -> tuple[Tensor, ...]:
-        """(V, 50, 190, 3) images, (N, width) statement vectors, (N,) targets, and (N,) the image of each state."""
+    def inputs(self, states: States) -> Any:
+        """The windows of V scenes (`WindowTable.of`), statement vectors, targets, and (N,) the scene of each state."""
+        scenes, scene_of = states.scenes()
         device = self.target.weight.device
-        statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
-        images, image_of = scene_images(states, device)
-        return images, self._encoder.vectors(states.statements, device)[statement_of], targets, image_of
+        windows = [torch.from_numpy(array).to(device) for array in self._table.of(states, scenes)]
+        return windows, *self._words_and_targets(states), torch.from_numpy(scene_of).to(device)
 
     def fixed_inputs(self, states: States) -> tuple[Tensor, ...]:
-        images, vectors, targets, image_of = self.inputs(states)
-        return images[image_of], vectors, targets
+        scenes, scene_of = states.scenes()
+        images = torch.from_numpy(scene_images(states, scenes)).to(self.target.weight.device)
+        return images[scene_of], *self._words_and_targets(states)
 
-    def features(self, states: tuple[Tensor, ...]) -> Tensor:
-        images, vectors, targets, *image_of = states
-        seen = self.image(self.convolutions(_floats(images)))
-        return torch.cat((seen[image_of[0]] if image_of else seen, vectors, self.target(targets)), 1)
+    def _words_and_targets(self, states: States) -> tuple[Tensor, Tensor]:
+        """(N, width) statement vectors and (N,) targets."""
+        device = self.target.weight.device
+        statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
+        return self._encoder.vectors(states.statements, device)[statement_of], targets
+
+    def features(self, states: Any) -> Tensor:
+        images, vectors, targets, *scene_of = states
+        if scene_of:
+            seen = self.image(self._convolved(images))[scene_of[0]]
+        else:
+            seen = self.image(self.convolutions(_floats(images)))
+        return torch.cat((seen, vectors, self.target(targets)), 1)
+
+    def _convolved(self, windows: Sequence[Tensor]) -> Tensor:
+        """(V, features) of `convolutions`, from the windows of V scenes."""
+        pixels, *later = windows
+        rows, found = pixels.float() / MAX_INTENSITY, pixels
+        for convolution, index in zip(self._layers, later, strict=True):
+            weight = convolution.weight.permute(0, 2, 3, 1).flatten(1)
+            found = F.relu(F.linear(rows, weight, convolution.bias))
+            found = torch.cat((torch.zeros_like(found[:1]), found[1:]))
+            rows = F.embedding(index, found).flatten(1)
+        return rows.unflatten(1, (-1, found.shape[1])).transpose(1, 2).flatten(1)
 
     def acting(self, features: Tensor) -> Tensor:
         assert self.actor is not None
@@ -327,8 +413,9 @@ class Transformer(nn.Module):
             size, most_tokens = [count * config.patch_size for count in VILT_PATCHES], config.max_position_embeddings
         else:
             size, most_tokens = [config.image_config.image_size] * 2, config.text_config.max_position_embeddings
-        images, image_of = scene_images(states, device)
-        images = F.interpolate(_floats(images), size=size, mode="bilinear", align_corners=False)[image_of]
+        scenes, scene_of = states.scenes()
+        images = _floats(scene_images(states, scenes), device)
+        images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)[scene_of]
         mean, deviation = torch.tensor(VILT_COLOURS if self.is_vilt else FLAVA_COLOURS, device=device)[..., None, None]
         texts = [  # the statement, the target token, then True or False: ViLT's input in the release
             f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"

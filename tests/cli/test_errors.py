@@ -57,7 +57,6 @@ def test_usage_error__is_one_line(
     [
         ["train", "ppo", "TowerScratch", "--out"],
         ["train", "parse-and-plan", "--out"],
-        ["demo", "--out"],
         ["evaluate", "--policy", "expert", "--out"],
     ],
 )
@@ -72,12 +71,6 @@ def test_output__unwritable_directory_is_an_error_before_any_work(
     assert str(tmp_path / "file") in written.err
     assert written.err.count("\n") == 1 or "preparing data" in written.err
     assert not written.out
-
-
-def test_demo__rejects_a_directory_that_is_not_empty(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    (tmp_path / "mine").write_text("")
-    assert main(["demo", "--out", str(tmp_path)]) == USAGE_ERROR
-    assert f"{tmp_path} is not empty" in capsys.readouterr().err
 
 
 def test_options__with_several_values_add_up_when_given_again():

@@ -1,4 +1,4 @@
-"""`lilgym-mp train`, `evaluate`, `explain` and `demo`, with a few dozen training steps each."""
+"""`lilgym-mp train`, `evaluate` and `explain`, with a few dozen training steps each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
@@ -199,25 +198,6 @@ def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     assert (zorblax["statement"], zorblax["unknown"]) == ("There is a zorblax.", ["zorblax"])
     assert zorblax["programs"][0]["probability"] <= 1 / 3
-
-
-@pytest.mark.long
-def test_demo__writes_results_recordings_and_films(lilgym: LilGym, tmp_path: Path):
-    directory = tmp_path / "demo"
-    output = lilgym("demo", "--out", directory, "--parser-updates", 80, "--imitation-updates", 40)
-    for name in ("results.json", "imitation.gif", "parse-and-plan.gif"):
-        assert str(directory / name) in output
-        assert (directory / name).exists()
-    found = json.loads((directory / "results.json").read_text())["results"]
-    assert {row["agent"].split(" (")[0] for row in found} == {
-        *("random type", "random legal", "imitation", "parse-and-plan", "expert"),
-    }
-    tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
-    for path in (directory / "episodes").glob("*.gz"):
-        assert [episode.task for episode in read_episodes(path).episodes] == [*tasks]
-    assert all(row["episodes_seen"] == 0 for row in found)
-    with Image.open(directory / "imitation.gif") as film:
-        assert getattr(film, "n_frames", 1) > 1
 
 
 def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):

@@ -62,12 +62,12 @@ class BoxImageTable:
         """(N, 3) box indices of half-size images (N, 50, 190, 3); new boxes are added."""
         count = BOX_COUNT * len(images)
         if len(self._padded) != count:
-            self._padded = _padded(count, _BOX_BYTES)
+            self._padded = padded_rows(count, _BOX_BYTES)
         boxes = self._padded[:, :_BOX_BYTES].reshape(count, SIDE, SIDE, 3)  # a view
         for box in range(BOX_COUNT):
             boxes[box::BOX_COUNT] = images[:, :, box * PITCH : box * PITCH + SIDE]
-        hashes = _hashes(self._padded)
-        indices, new = _assign_indices(hashes, self._boxes)
+        hashes = row_hashes(self._padded)
+        indices, new = assign_indices(hashes, self._boxes)
         if len(new):
             self._box_hashes.append(hashes[new])
             self._patches_of.append(self._patch_indices(boxes[new]))
@@ -76,9 +76,9 @@ class BoxImageTable:
     def item_indices(self, items: Int16Array) -> Int64Array:
         """(N, 3) box indices of scenes given as item arrays (N, 3, capacity, 5), drawn where they are new."""
         rows = items.reshape(-1, *items.shape[2:])
-        padded = _padded(len(rows), rows[0].nbytes)
+        padded = padded_rows(len(rows), rows[0].nbytes)
         padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
-        hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
+        hashes, firsts, inverse = np.unique(row_hashes(padded), return_index=True, return_inverse=True)
         known, listed = self._index_of_items, hashes.tolist()
         for item_hash, row in zip(listed, firsts.tolist(), strict=True):
             if item_hash not in known:
@@ -88,12 +88,12 @@ class BoxImageTable:
 
     def _patch_indices(self, boxes: UInt8Array) -> Int64Array:
         """(U, 25) patch indices of box images (U, 50, 50, 3); new patches are added."""
-        padded = _padded(len(boxes) * PATCHES**2, PATCH_BYTES)
+        padded = padded_rows(len(boxes) * PATCHES**2, PATCH_BYTES)
         patches = padded[:, :PATCH_BYTES]  # a view
         cut = boxes.reshape(-1, PATCHES, PATCH, PATCHES, PATCH * 3).swapaxes(2, 3)
         patches.reshape(cut.shape)[:] = cut
-        hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
-        indices, new = _assign_indices(hashes, self._patches)
+        hashes, firsts, inverse = np.unique(row_hashes(padded), return_index=True, return_inverse=True)
+        indices, new = assign_indices(hashes, self._patches)
         self._pixels.append(patches[firsts[new]])
         return indices[inverse].reshape(-1, PATCHES**2)
 
@@ -142,7 +142,7 @@ def _joined(parts: list[Any]) -> Any:
     return parts[0]
 
 
-def _padded(count: int, size: int) -> UInt8Array:
+def padded_rows(count: int, size: int) -> UInt8Array:
     """(count, W) zeros: rows of `size` bytes, padded to whole 8-byte words."""
     return np.zeros((count, -(-size // 8) * 8), np.uint8)
 
@@ -151,13 +151,13 @@ _MULTIPLIERS = np.random.default_rng(0).integers(0, 2**63, -(-_BOX_BYTES // 8), 
 _MULTIPLIERS += np.uint64(1)
 
 
-def _hashes(padded: UInt8Array) -> UInt64Array:
-    """A 64-bit multilinear hash of each row; two different rows collide with probability at most 2^-63."""
+def row_hashes(padded: UInt8Array | UInt64Array) -> UInt64Array:
+    """A 64-bit multilinear hash of each row, whole 8-byte words; two rows collide with probability at most 2^-63."""
     words = padded.view(np.uint64)
     return words @ _MULTIPLIERS[: words.shape[1]]
 
 
-def _assign_indices(hashes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
+def assign_indices(hashes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:
     """The index of each hash, added to `known` if new, and the positions where new ones first occur."""
     listed = hashes.tolist()
     indices = list(map(known.get, listed))

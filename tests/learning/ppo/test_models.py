@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from lilgym_mp.contrib.pretrained import scene_images
+from lilgym_mp.contrib.pretrained import C3, C10, ConvolutionsAndBert, scene_images
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
@@ -42,8 +44,9 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
     states, images = seen(name, 40)
-    distinct, image_of = (tensor.numpy() for tensor in scene_images(states, torch.device("cpu")))
-    assert (distinct[image_of] == images).all()
+    scenes, scene_of = states.scenes()
+    distinct = scene_images(states, scenes)
+    assert (distinct[scene_of] == images).all()
     assert len(np.unique(distinct.reshape(len(distinct), -1), axis=0)) == len(distinct)
     for rows in (states.boxes().reshape(len(states.box_hashes), -1), states.patches):
         assert len(np.unique(rows, axis=0)) == len(rows)
@@ -128,6 +131,29 @@ def test_critic__shares_weights_only_if_shared(critic: str):
 
 
 # Pretrained
+
+
+@pytest.mark.parametrize("layers", [C3, C10])
+def test_windows__give_the_features_and_gradients_of_whole_images(
+    layers: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+):
+    encoder: Any = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
+    torch.manual_seed(0)
+    model = ConvolutionsAndBert(encoder, layers, Scatter(), has_actor=False, has_critic=True)
+    for most_scenes, count in ((10_000, 8), (10_000, 40), (0, 20)):  # a new table, a larger one, one made again
+        monkeypatch.setattr("lilgym_mp.contrib.pretrained.MOST_SCENES", most_scenes)
+        states, _ = seen("ScatterFlipIt", count)
+        found: list[list[torch.Tensor]] = []
+        for inputs in (model.inputs(states), model.fixed_inputs(states)):
+            model.zero_grad()
+            values = model(inputs).values
+            (values * torch.arange(count)).sum().backward()
+            found.append(
+                [values.detach(), *(p.grad.clone() for p in model.convolutions.parameters() if p.grad is not None)]
+            )
+        assert len(found[0]) == 1 + len(list(model.convolutions.parameters()))
+        for ours, theirs in zip(*found, strict=True):
+            torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
 
 
 VOCABULARY = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "there", "is", "a", "blue", "block", "all", "true", "false", "."]
