@@ -89,7 +89,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "same_statement": 1,  # [P] each episode samples a task
         "rollout": 2048,  # [P]
         "batch_size": 64,  # [P]
-        "epochs": 10,  # [B]
+        "epochs": 4,  # [B] the code's default; with its README's 10, half of the ratios are clipped
         "optimiser": "adamw" if fine_tuned else "adam",  # [P]
         "learning_rate": 3e-5 if fine_tuned or start == "flipit" else 3e-4,  # [P]
         "schedule": "cosine" if fine_tuned else "constant",  # [P] cosine; unspecified for the others
@@ -99,7 +99,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "gamma": 0.99,  # [B]
         "gae_lambda": 0.95,  # [B]
         "advantages": "normalised",  # [B]
-        "forced_baseline": True,  # [B]
+        "forced_baseline": False,  # [ours] with it a forced STOP's advantage vanishes once its success is expected
         "clip": 0.2,  # [B]
         "ratio_cap": 10.0,  # [P] uses a cap M; its value is ours
         "cap_every_ratio": True,  # [P] min(r, M) replaces r everywhere
@@ -115,6 +115,8 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
         **_paper(configuration, model),
         "critic": "separate" if fine_tuned else "shared",  # [B] C3 shares the image layers and the target embedding
         "held_out": 0.0,  # [B]
+        "epochs": 10,  # [B]
+        "forced_baseline": True,  # [B]
         "patience": 0,  # [B]
         "sampled": False,  # [B] greedy at test
         "learning_rate": 3e-5 if fine_tuned else 3e-4,  # [B]
