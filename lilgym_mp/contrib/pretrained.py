@@ -44,6 +44,7 @@ ARCHITECTURES = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava":
 MAX_INTENSITY = 255.0
 MAX_TOKENS = 64  # word pieces of a statement
 MOST_SCENES = 10_000  # in a table of windows
+FEW_SCENES = 8  # of so few, whole images are convolved
 JOINED, TARGET = 512, 32  # widths in C3 and C10
 VILT_PATCHES = 5, 19  # like the action grid
 VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each colour
@@ -327,11 +328,12 @@ class ConvolutionsAndBert(PretrainedModel):
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
     def inputs(self, states: States) -> Any:
-        """The windows of V scenes (`WindowTable.of`), statement vectors, targets, and (N,) the scene of each state."""
+        """The windows of V scenes (`WindowTable.of`), or a few images; statement vectors, targets, scenes of states."""
         scenes, scene_of = states.scenes()
-        device = self.target.weight.device
-        windows = [torch.from_numpy(array).to(device) for array in self._table.of(states, scenes)]
-        return windows, *self._words_and_targets(states), torch.from_numpy(scene_of).to(device)
+        device, is_few = self.target.weight.device, len(scenes) < FEW_SCENES
+        arrays = [scene_images(states, scenes)] if is_few else self._table.of(states, scenes)
+        seen = [torch.from_numpy(array).to(device) for array in arrays]
+        return seen, *self._words_and_targets(states), torch.from_numpy(scene_of).to(device)
 
     def fixed_inputs(self, states: States) -> tuple[Tensor, ...]:
         scenes, scene_of = states.scenes()
@@ -345,18 +347,16 @@ class ConvolutionsAndBert(PretrainedModel):
         return self._encoder.vectors(states.statements, device)[statement_of], targets
 
     def features(self, states: Any) -> Tensor:
-        images, vectors, targets, *scene_of = states
-        if scene_of:
-            seen = self.image(self._convolved(images))[scene_of[0]]
-        else:
-            seen = self.image(self.convolutions(_floats(images)))
-        return torch.cat((seen, vectors, self.target(targets)), 1)
+        seen, vectors, targets, *scene_of = states
+        images, *windows = seen if scene_of else [seen]
+        found = self._convolved(images, windows) if windows else self.convolutions(_floats(images))
+        found = self.image(found)
+        return torch.cat((found[scene_of[0]] if scene_of else found, vectors, self.target(targets)), 1)
 
-    def _convolved(self, windows: Sequence[Tensor]) -> Tensor:
-        """(V, features) of `convolutions`, from the windows of V scenes."""
-        pixels, *later = windows
+    def _convolved(self, pixels: Tensor, windows: Sequence[Tensor]) -> Tensor:
+        """(V, features) of `convolutions`, from the windows of V scenes: those of pixels, and the others."""
         rows, found = pixels.float() / MAX_INTENSITY, pixels
-        for convolution, index in zip(self._layers, later, strict=True):
+        for convolution, index in zip(self._layers, windows, strict=True):
             weight = convolution.weight.permute(0, 2, 3, 1).flatten(1)
             found = F.relu(F.linear(rows, weight, convolution.bias))
             found = torch.cat((torch.zeros_like(found[:1]), found[1:]))
