@@ -83,7 +83,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "empty_starts": 0.0,  # [P] a model for each configuration
         "held_out": 0.05,  # [P] a part of train; the fraction is ours
         "validate_every": 40_960,  # [ours]
-        "patience": 20,  # [P] uses patience; the number is ours
+        "patience": 40,  # [P] uses patience; the number is ours
         "sampled": True,  # [P]
         "envs": 1,  # [B]
         "same_statement": 1,  # [P] each episode samples a task
@@ -92,10 +92,10 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "epochs": 4,  # [B] the code's default; with its README's 10, half of the ratios are clipped
         "optimiser": "adamw" if fine_tuned else "adam",  # [P]
         "learning_rate": 3e-5 if fine_tuned or start == "flipit" else 3e-4,  # [P]
-        "schedule": "cosine" if fine_tuned else "constant",  # [P] cosine; unspecified for the others
+        "schedule": "cosine" if fine_tuned else "linear",  # [P] cosine; unspecified for the others: [B]
         "warmup": 0.01 if fine_tuned else 0.0,  # [P]
         "entropy": 0.1 if appearance == "tower" else 0.3,  # [P]
-        "final_entropy": 0.1 if appearance == "tower" else 0.3,  # [P]
+        "final_entropy": 0.01 if appearance == "tower" else 0.03,  # [ours] a constant bonus leaves the policy random
         "gamma": 0.99,  # [B]
         "gae_lambda": 0.95,  # [B]
         "advantages": "normalised",  # [B]
@@ -120,7 +120,6 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
         "patience": 0,  # [B]
         "sampled": False,  # [B] greedy at test
         "learning_rate": 3e-5 if fine_tuned else 3e-4,  # [B]
-        "schedule": "cosine" if fine_tuned else "linear",  # [B]
         "warmup": 0.01 if fine_tuned else 0.0,  # [B]
         "entropy": 0.0,  # [B] its README says .1, but there the bonus has no gradient
         "final_entropy": 0.0,  # [B]

@@ -28,8 +28,8 @@ def test_recipe__named_ones_set_every_relevant_value(name: str):
     ("configuration", "model", "wanted"),
     [
         ("TowerScratch", "c3-bert", {"learning_rate": 3e-4, "entropy": 0.1, "optimiser": "adam"}),
-        ("TowerFlipIt", "c10-bert", {"learning_rate": 3e-5, "entropy": 0.1, "schedule": "constant"}),
-        ("ScatterScratch", "c3-bert", {"learning_rate": 3e-4, "entropy": 0.3, "final_entropy": 0.3}),
+        ("TowerFlipIt", "c10-bert", {"learning_rate": 3e-5, "entropy": 0.1, "schedule": "linear"}),
+        ("ScatterScratch", "c3-bert", {"learning_rate": 3e-4, "entropy": 0.3, "final_entropy": 0.03}),
         ("ScatterScratch", "vilt", {"learning_rate": 3e-5, "optimiser": "adamw", "schedule": "cosine", "warmup": 0.01}),
     ],
 )
