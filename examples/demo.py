@@ -21,9 +21,10 @@ FILMED = 6  # episodes of each agent, in two columns
 
 def demo(directory: Path, experiment: Path = EXPERIMENT) -> None:
     command("experiment", experiment, "--jobs", 2, "--out", directory)
-    agents, place = sorted((directory / "runs").iterdir()), directory / "comparison"
+    parser, network = (directory / "runs" / run for run in ("parse-and-plan-0", "imitation-TowerScratch-0"))
+    place = directory / "comparison"
     others = ["--policy", "random-type", "random-legal", "expert", "--configuration", "TowerScratch"]
-    command("evaluate", *agents, *others, "--record", place, "--out", directory / "results.json", "--force")
+    command("evaluate", parser, network, *others, "--record", place, "--out", directory / "results.json", "--force")
     env = Settings("TowerScratch").make("dev")
     for file in sorted(place.glob("*.gz")):
         recording = read_episodes(file)
@@ -32,7 +33,6 @@ def demo(directory: Path, experiment: Path = EXPERIMENT) -> None:
             film = directory / f"{recording.header.agent}.gif"
             film_frames(film, [list(episode_frames(env, episode)) for episode in filmed], columns=2)
             print(f"film: {film}")
-    parser = directory / "runs" / "parse-and-plan-0"
     print(f"Next: lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test")
     print(f"      lilgym-mp explain 'There is a blue block.' --agent {parser}")
 

@@ -143,6 +143,7 @@ def test_windows__give_the_features_and_gradients_of_whole_images(
     for most_scenes, count in ((9_999, 3), (9_999, 20), (9_999, 40), (0, 30)):  # whole images; a growing, a new table
         monkeypatch.setattr("lilgym_mp.contrib.pretrained.MOST_SCENES", most_scenes)
         states, _ = seen("ScatterFlipIt", count)
+        assert (len(model.inputs(states)[0]) > 1) == (count > 3)
         found: list[list[torch.Tensor]] = []
         for inputs in (model.inputs(states), model.fixed_inputs(states)):
             model.zero_grad()
