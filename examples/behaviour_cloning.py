@@ -3,7 +3,7 @@
 Write data sets with observations as items; docs/datasets.md has the accuracy:
     lilgym-mp data collect TowerScratch --observation structured --out scratch.npz
     lilgym-mp data collect TowerFlipIt --observation structured --out flipit.npz
-    python examples/behaviour_cloning.py scratch.npz flipit.npz --minutes 5
+    python examples/behaviour_cloning.py scratch.npz flipit.npz
 If the data sets have all optimal actions (--optimal), the probability of the set is maximised. Colours are exchanged in
 words, items and actions as data augmentation. Needs the extra `train`.
 """
@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +90,7 @@ def main() -> None:
     parser.add_argument(
         "files", nargs="+", type=Path, help="data sets with structured observations; dev is the first's"
     )
-    parser.add_argument("--minutes", type=float, default=5.0, help="CPU minutes of training")
+    parser.add_argument("--updates", type=int, default=4_000, help="updates of the optimiser")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -102,29 +101,23 @@ def main() -> None:
     model = make_model(PPORecipe(), data.settings.dynamics().appearance, statements=words)
     optimiser = torch.optim.AdamW(model.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     print(f"{len(data.target):,} actions of {len(data.statements[0]):,} statements", flush=True)
-    print(" CPU s  loss  dev")
-    spent, done, reported = 0.0, 0.0, 0
-    while done < 1:
-        for batch in data.batches(rng):
-            begin = time.process_time()
-            which = int(rng.integers(len(RECOLOURINGS)))
-            texts = [data.statements[which][index] for index in data.statement[batch].tolist()]
-            prediction = model(data.table.states_of(texts, data.boxes[which][batch], data.target[batch]))
-            log_probs = FactoredPolicy(model.factorisation, prediction.types, prediction.heads).joint_log_probs()
-            wanted = torch.from_numpy(data.wanted[which][batch])
-            loss = -log_probs.masked_fill(~wanted, -torch.inf).logsumexp(1).mean()
-            for group in optimiser.param_groups:
-                group["lr"] = LEARNING_RATE * (1 - done)
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            spent += time.process_time() - begin
-            done = spent / (60 * args.minutes)
-            if done >= min(1, (reported + 1) / 10):
-                reported += 1
-                print(f"{spent:6.0f}  {loss.item():.2f}  {accuracy(model, data.settings):.3f}", flush=True)
-            if done >= 1:
-                break
+    print("updates  loss  dev")
+    batches = list[np.ndarray]()
+    for update in range(args.updates):
+        batch = (batches := batches or data.batches(rng)).pop()
+        which = int(rng.integers(len(RECOLOURINGS)))
+        texts = [data.statements[which][index] for index in data.statement[batch].tolist()]
+        prediction = model(data.table.states_of(texts, data.boxes[which][batch], data.target[batch]))
+        log_probs = FactoredPolicy(model.factorisation, prediction.types, prediction.heads).joint_log_probs()
+        wanted = torch.from_numpy(data.wanted[which][batch])
+        loss = -log_probs.masked_fill(~wanted, -torch.inf).logsumexp(1).mean()
+        for group in optimiser.param_groups:
+            group["lr"] = LEARNING_RATE * (1 - update / args.updates)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        if (update + 1) % max(1, args.updates // 10) == 0:
+            print(f"{update + 1:7,}  {loss.item():.2f}  {accuracy(model, data.settings):.3f}", flush=True)
 
 
 if __name__ == "__main__":

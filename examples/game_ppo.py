@@ -3,14 +3,13 @@
 Under the protocol "joint" the proposer edits while the verifier says when to stop, and both get the reward of the MDP:
 one must learn to make the statement true, the other to recognise when it is. Each side has a network of its own, which
 reads the statement's words and the blocks of each box. docs/game_experiments.md has its results.
-Needs the extra `train`. Run: python examples/game_ppo.py --minutes 5
+Needs the extra `train`. Run: python examples/game_ppo.py
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -205,8 +204,7 @@ class Trainer:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=5.0, help="CPU minutes of training")
-    parser.add_argument("--steps", type=int, help="turns of all games together, instead of --minutes")
+    parser.add_argument("--steps", type=int, default=1_500_000, help="turns of all games together")
     parser.add_argument("--start", default="scratch", help="scratch or flipit")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--seed", type=int, default=0)
@@ -214,19 +212,17 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(args.seed)
     trainer = Trainer(args.start, args.corpus, args.seed)
-    begin, steps, done, reported = time.process_time(), 0, 0.0, 0
-    print("  turns  CPU s  success")
-    while done < 1:
+    steps, reported = 0, 0
+    print("  turns  success")
+    while steps < args.steps:
         turns = trainer.play()
         for agent in AGENTS:
-            trainer.learn(agent, turns[agent], done)
+            trainer.learn(agent, turns[agent], steps / args.steps)
         steps += TURNS * GROUPS * GAMES_PER_GROUP
-        seconds = time.process_time() - begin
-        done = min(1.0, steps / args.steps if args.steps else seconds / (60 * args.minutes))
-        if done >= (reported + 1) / 10:
-            reported = int(done * 10)
+        if 10 * steps >= (reported + 1) * args.steps:
+            reported = 10 * steps // args.steps
             recent = trainer.ended[-4_000:]
-            print(f"{steps:7,} {seconds:6.0f}   {np.mean(recent) if recent else 0.0:.3f}", flush=True)
+            print(f"{steps:7,}  {np.mean(recent) if recent else 0.0:.3f}", flush=True)
 
 
 if __name__ == "__main__":

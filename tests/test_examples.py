@@ -119,8 +119,8 @@ def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
 def test_game_ppo__plays_and_reports(run: Run) -> None:
     _needs("torch")
     header, last = run("game_ppo.py", "--steps", "4096").splitlines()
-    assert header.split() == ["turns", "CPU", "s", "success"]
-    assert re.fullmatch(r" *4,096 +\S+ +[01]\.\d+", last)
+    assert header.split() == ["turns", "success"]
+    assert re.fullmatch(r" *4,096  [01]\.\d+", last)
 
 
 def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run: Run, tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def structured(tmp_path: Path) -> Path:
 
 def test_behaviour_cloning__learns_from_a_data_set(run: Run, structured: Path) -> None:
     _needs("torch")
-    last = run("behaviour_cloning.py", str(structured), "--minutes", "0.005").splitlines()[-1]
+    last = run("behaviour_cloning.py", str(structured), "--updates", "2").splitlines()[-1]
     assert re.fullmatch(r" +\d+  \d+\.\d\d  0\.\d{3}", last)
 
 
@@ -159,7 +159,7 @@ def test_behaviour_cloning__learns_from_a_data_set(run: Run, structured: Path) -
 @pytest.mark.parametrize("method", ["cql", "bc"])
 def test_offline_rl__learns_from_a_data_set(run: Run, structured: Path, method: str) -> None:
     _needs("d3rlpy")
-    last = run("offline_rl.py", str(structured), "--method", method, "--minutes", "0.01").splitlines()[-1]
+    last = run("offline_rl.py", str(structured), "--method", method, "--updates", "2").splitlines()[-1]
     assert re.fullmatch(r" +\d+  0\.\d{3}", last)
 
 

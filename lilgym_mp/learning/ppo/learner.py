@@ -89,7 +89,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "same_statement": 1,  # [P] each episode samples a task
         "rollout": 2048,  # [P]
         "batch_size": 64,  # [P]
-        "epochs": 4,  # [B] the code's default; with its README's 10, half of the ratios are clipped
+        "epochs": 4,  # [B] the code's default; its README has 10
         "optimiser": "adamw" if fine_tuned else "adam",  # [P]
         "learning_rate": 3e-5 if fine_tuned or start == "flipit" else 3e-4,  # [P]
         "schedule": "cosine" if fine_tuned else "linear",  # [P] cosine; unspecified for the others: [B]
@@ -120,7 +120,6 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
         "patience": 0,  # [B]
         "sampled": False,  # [B] greedy at test
         "learning_rate": 3e-5 if fine_tuned else 3e-4,  # [B]
-        "warmup": 0.01 if fine_tuned else 0.0,  # [B]
         "entropy": 0.0,  # [B] its README says .1, but there the bonus has no gradient
         "final_entropy": 0.0,  # [B]
         "ratio_cap": 5.184705528587072e21,  # [B] exp(50)

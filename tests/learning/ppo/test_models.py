@@ -133,16 +133,17 @@ def test_critic__shares_weights_only_if_shared(critic: str):
 # Pretrained
 
 
-@pytest.mark.parametrize("layers", [C3, C10])
+@pytest.mark.parametrize(("layers", "configuration"), [(C3, "TowerFlipIt"), (C10, "ScatterFlipIt")])
 def test_windows__give_the_features_and_gradients_of_whole_images(
-    layers: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+    layers: Callable[[], Any], configuration: str, monkeypatch: pytest.MonkeyPatch
 ):
     encoder: Any = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
     torch.manual_seed(0)
-    model = ConvolutionsAndBert(encoder, layers, Scatter(), has_actor=False, has_critic=True)
+    appearance = Tower() if configuration == "TowerFlipIt" else Scatter()
+    model = ConvolutionsAndBert(encoder, layers, appearance, has_actor=False, has_critic=True)
     for most_scenes, count in ((9_999, 3), (9_999, 20), (9_999, 40), (0, 30)):  # whole images; a growing, a new table
         monkeypatch.setattr("lilgym_mp.contrib.pretrained.MOST_SCENES", most_scenes)
-        states, _ = seen("ScatterFlipIt", count)
+        states, _ = seen(configuration, count)
         assert (len(model.inputs(states)[0]) > 1) == (count > 3)
         found: list[list[torch.Tensor]] = []
         for inputs in (model.inputs(states), model.fixed_inputs(states)):
