@@ -1,12 +1,13 @@
-"""Write the tables of docs/results.md, and accuracy.csv and paired_tests.csv from outcomes.csv.
+"""Write the tables of docs/results.md, and accuracy.csv, paired_tests.csv and stops.csv from the other files.
 
     python scripts/write_result_tables.py
-    python scripts/write_result_tables.py --row 17 results/reward_model/episodes/reward-model-*/*.jsonl.gz
+    python scripts/write_result_tables.py --row 13 results/episodes/ppo-*/*-greedy.jsonl.gz
 
 docs/results/outcomes.csv has the runs whose recordings were kept in this form: for each start scene of official dev, in
 the order of the file, the number of its episodes that succeeded. Which statement a scene belongs to is read from the
 official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
-recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies.
+recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
+recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
@@ -24,7 +25,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, paired_difference
+from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, mean_where, paired_difference
+from lilgym_mp.contrib.report.behaviour import ROLLOUT_STATISTICS, error_kind
+from lilgym_mp.contrib.report.items import MISSING
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.envs.proposer_verifier import Role, play_games
@@ -38,6 +41,8 @@ from lilgym_mp.learning.common.agents import open_agent
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.report.aggregation import Difference, MeanStd
+    from lilgym_mp.evaluation.episode_files import Recording
+    from lilgym_mp.evaluation.episodes import Episode
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
 RESULTS = PAGE.parent / "results"
@@ -105,14 +110,75 @@ def write(name: str, rows: Iterable[Sequence[str]]) -> None:
         csv.writer(file, lineterminator="\n").writerows(rows)
 
 
-def add(row: str, paths: Iterable[Path]) -> None:
+def replace_row(file: str, new: Sequence[str]) -> None:
+    """Writes this row in place of the one of the same agent and configuration, or after all others."""
+    rows = read(file)
+    index = next((index for index, row in enumerate(rows) if row[:2] == list(new[:2])), len(rows))
+    write(file, [*rows[:index], new, *rows[index + 1 :]])
+
+
+def agent_of(row: str, actions: str) -> str:
+    """The row's agent as returns.csv and behaviour.csv name it."""
+    names = dict(name.split(". ", 1) for name, *_ in read("accuracy")[1:] if ". " in name)
+    return f"{names[row]} ({actions})" if [*names.values()].count(names[row]) > 1 else names[row]
+
+
+def returns(runs: Sequence[Recording]) -> Iterator[str]:
+    """The numbers of returns.csv: rewards, accuracy by target and novelty, and how many actions are needless."""
+
+    def text(value: MeanStd | None, places: int = 2, *, interval: bool = False) -> str:
+        return MISSING if value is None else (value if interval else value._replace(low=None)).text(places)
+
+    yield text(mean_where(runs, lambda episode: episode.reward))
+    has_targets = not all(episode.target for episode in runs[0].episodes)
+    for target in (True, False):
+        accuracy = accuracy_where(runs, lambda episode, target=target: episode.target == target)
+        yield text(accuracy if has_targets else None, 1, interval=True)
+    yield text(accuracy_where(runs, lambda episode: episode.statement_seen))
+    yield text(accuracy_where(runs, lambda episode: episode.form_seen and not episode.statement_seen))
+    yield text(accuracy_where(runs, lambda episode: not episode.form_seen))
+    yield text(mean_where(runs, needless, lambda episode: episode.is_success))
+    yield text(mean_where(runs, lambda episode: 100.0 * (episode.is_success and needless(episode) == 0)))
+
+
+def needless(episode: Episode) -> float:
+    assert episode.optimal_actions is not None, "record with --optimal"
+    return len(episode.actions) - episode.optimal_actions
+
+
+def behaviour(runs: Sequence[Recording]) -> Iterator[str]:
+    """The numbers of behaviour.csv: means over all episodes, and kinds of STOP in percent of the failures."""
+    for value in ROLLOUT_STATISTICS.values():
+        yield f"{cast('MeanStd', mean_where(runs, value)).mean:.2f}"
+    kinds = [kind for run in runs for episode in run.episodes if (kind := error_kind(episode))]
+    yield str(len(kinds))
+    for kind in ("direct stop", "early stop", "erroneous stop"):
+        yield f"{100 * kinds.count(kind) / len(kinds):.2f}" if kinds else MISSING
+
+
+def stops() -> list[list[str]]:
+    """stops.csv with its agents' numbers in behaviour.csv."""
+    found = {(agent, name): numbers[-4:] for agent, name, *numbers in read("behaviour")[1:]}
+    head, *rows = read("stops")
+    own = [row[0] for row in rows if "†" not in row[0]]
+    made = [[agent, *found[agent, "ScatterScratch"], *found[agent, "ScatterFlipIt"]] for agent in own]
+    return [head, *made, *rows[len(own) :]]
+
+
+def add(row: str, paths: Sequence[Path]) -> None:
     """Adds runs to outcomes.csv, in place of earlier outcomes of the same runs."""
     head, *known = read("outcomes")
     found: list[Outcomes] = []
     for path in paths:
         found += [recorded(row, path)] if path.name.endswith(SUFFIX) else played(row, path)
-    replaced = {(each.row, each.run) for each in found}
-    rows = [*(each for each in known if (each[0], each[1]) not in replaced), *found]
+    replaced = {(each.row, each.run, each.configuration) for each in found}
+    recordings = [read_episodes(path) for path in paths if path.name.endswith(SUFFIX)]
+    for name in CONFIGURATIONS:
+        if runs := [each for each in recordings if each.header.settings.configuration == name]:
+            agent = agent_of(row, runs[0].header.actions)
+            replace_row("returns", [agent, name, *returns(runs)])
+            replace_row("behaviour", [agent, name, *behaviour(runs)])
+    rows = [*(each for each in known if (each[0], each[1], each[3]) not in replaced), *found]
     write("outcomes", [head, *sorted(rows, key=lambda each: (int(each[0]), *each[1:]))])
 
 
@@ -178,4 +244,5 @@ if __name__ == "__main__":
     add(args.row, args.paths)
     write("accuracy", accuracies())
     write("paired_tests", differences())
+    write("stops", stops())
     PAGE.write_text(text(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

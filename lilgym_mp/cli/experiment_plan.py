@@ -19,6 +19,7 @@ from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
+SEED = "{seed}"  # in the text of an option, replaced by the run's seed
 INVALID = (CommandError, ValueError, TypeError)  # raised for a value that an environment or a command refuses
 
 
@@ -134,7 +135,10 @@ def _learner_runs(values: Mapping[str, Any], experiment: _Experiment) -> Iterato
     seeds = _distinct(values, "seeds", list(experiment.seeds))
     for configuration in (None,) if learner.config is None else configurations:
         own = [configuration] if configuration else []
-        commands = [("train", kind, *own, "--seed", str(seed), *training) for seed in seeds]
+        commands = [
+            ("train", kind, *own, "--seed", str(seed), *(word.replace(SEED, str(seed)) for word in training))
+            for seed in seeds
+        ]
         (budget, recipe), *_ = [_checked(command, learner) for command in commands]
         played = _played_configurations(configuration, recipe, experiment.configurations)
         evaluating = ["--name", name, "--actions", *modes, "--configuration", *played]

@@ -95,6 +95,18 @@ def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str,
     assert list(words[first : words.index("--corpus")]) == played
 
 
+def test_plan__a_path_can_name_the_seed(tmp_path: Path):
+    text = """
+    configurations = ["TowerFlipIt"]
+    seeds = [3, 5]
+    [[learners]]
+    learner = "imitation"
+    teacher = "runs/teacher-{seed}"
+    """
+    plan = read_plan(write_file(tmp_path / "a.toml", text))
+    assert [planned.train[-1] for planned in plan] == ["runs/teacher-3", "runs/teacher-5"]
+
+
 def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
     own = str(write_own_corpus(tmp_path / "own.jsonl"))
     text = f'corpus = "{own}"\n[[learners]]\nlearner = "parse-and-plan"\ncorpus = "builtin"\n'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
+import shutil
 from collections import Counter
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_all_tasks
-from tests.scripts import load_script
+from tests.scripts import SCRIPTS, load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -41,6 +42,31 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
     script = load_script("write_result_tables")
     assert script.accuracies() == script.read("accuracy")
     assert script.differences() == script.read("paired_tests")
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("official_data")
+def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    script = load_script("write_result_tables")
+    published = {name: script.read(name) for name in ("returns", "behaviour")}
+    monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(script.RESULTS, tmp_path / "results")))
+    record = ["--corpus", "lilgym", "--optimal", "--record", str(tmp_path / "recordings")]
+    assert main(["evaluate", "--policy", "expert", "--configuration", "TowerFlipIt", *record]) == 0
+    for name, rows in published.items():
+        script.write(name, [row for row in rows if row[:2] != ["expert", "TowerFlipIt"]])
+    script.add("10", [*(tmp_path / "recordings").glob("*.gz")])
+    for name, rows in published.items():
+        assert sorted(script.read(name)) == sorted(rows)
+
+
+def test_charts_of_results__are_drawn_from_the_csv_files(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(SCRIPTS)
+    script = load_script("draw_results")
+    (axes,) = script.rewards().axes
+    assert len(axes.patches) == 4 * len(script.AGENTS)
+    curves = script.curves().axes
+    assert [len(panel.lines) for panel in curves] == [2, 1, 3]
+    assert curves[1].lines[0].get_ydata()[-1] > 50
 
 
 def flat(name: str) -> str:

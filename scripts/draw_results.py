@@ -1,0 +1,117 @@
+"""Draws the charts of docs/results.md from the tables in docs/results.
+
+    python scripts/draw_results.py
+    python scripts/draw_results.py --row 13 RUN ...
+
+`--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
+of Scratch that have no image in the corpus. Accuracy by edits is that of outcomes.csv and needs the official data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from write_result_tables import RESULTS, read, runs_by_row, tasks, write
+
+from lilgym_mp.contrib.report.aggregation import MeanStd
+from lilgym_mp.contrib.report.charts import BarPanel, Looks, bar_chart, line_chart, save
+from lilgym_mp.contrib.report.items import Chart
+from lilgym_mp.contrib.report.learning_curves import PROGRAM_ACCURACY, mean_line
+from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
+from lilgym_mp.contrib.report.results import by_edits
+from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RUN_FILE
+from lilgym_mp.solver import Solver
+
+PICTURES = RESULTS.parent / "pictures"
+AGENTS = {  # rows of the charts of agents, by number
+    "1": "parse-and-plan",
+    "2": "parse-and-plan-builtin",
+    "3": "imitation",
+    "4": "ppo+sf (greedy)",
+    "5": "ppo+sf (sampled)",
+    "8": "random legal",
+    "10": "expert",
+}
+CURVES = {  # rows of the chart of curves
+    "11": "PPO+SF, this configuration alone",
+    "13": "PPO",
+    "15": "PPO+SF, no exchanged colours",
+    "separators": "PPO+SF, acts on separators",
+}
+
+
+def add_curves(row: str, runs: list[Path]) -> None:
+    """Adds evaluations to curves.csv, in place of earlier ones of the same runs."""
+    head, *known = read("curves")
+    names = {run.name for run in runs}
+    rows = [each for each in known if each[1] not in names]
+    for run in runs:
+        configuration = json.loads((run / RUN_FILE).read_text())["environment"]["configuration"]
+        for line in map(json.loads, (run / EVALUATIONS_FILE).read_text().splitlines()):
+            accuracy = line["accuracy"] if line[PROGRAM_ACCURACY] is None else line[PROGRAM_ACCURACY]
+            rows.append([row, run.name, configuration, str(line["steps"]), f"{100 * accuracy:.1f}"])
+    write("curves", [head, *sorted(rows, key=lambda each: (*each[:3], int(each[3])))])
+
+
+def curves() -> Any:
+    """The accuracy on dev while training, a panel per configuration."""
+    found: dict[tuple[str, str], dict[str, list[Any]]] = {}
+    for row, run, configuration, steps, accuracy in read("curves")[1:]:
+        point = {"steps": int(steps), "accuracy": float(accuracy) / 100}
+        found.setdefault((configuration, row), {}).setdefault(run, []).append(point)
+    panels: list[tuple[str, str, str, list[Any]]] = []
+    for name in CONFIGURATIONS:
+        runs = {text: found[name, row] for row, text in CURVES.items() if (name, row) in found}
+        lines = [mean_line(text, [*of_row.values()], "accuracy") for text, of_row in runs.items()]
+        if lines:
+            panels.append((name, "actions of training", "accuracy on dev, %", lines))
+    return line_chart(panels, Looks())
+
+
+def rewards() -> Any:
+    """Figure 3: the mean reward, with the standard deviation over runs."""
+    found = {(agent, name): reward for agent, name, reward, *_ in read("returns")[1:]}
+
+    def value(agent: str, configuration: str) -> MeanStd:
+        mean, deviation = (*map(float, found[agent, configuration].split(" ± ")), 0.0)[:2]
+        return MeanStd(mean, deviation, 1, mean - deviation, mean + deviation)
+
+    values = {agent: [value(agent, name) for name in CONFIGURATIONS] for agent in AGENTS.values()}
+    return bar_chart([BarPanel("", [*CONFIGURATIONS], values)], "mean reward", Looks())
+
+
+def edits() -> Any:
+    """The accuracy by number of edits that the expert needs."""
+    needed = {name: _edits(name) for name in CONFIGURATIONS}
+    entries: list[AgentResults] = []
+    for (row, name), recordings in runs_by_row().items():
+        if row in AGENTS:
+            for recording in recordings:
+                passes = len(recording.episodes) // len(needed[name])
+                recording.header = SimpleNamespace(passes=passes, run=None)
+                for index, episode in enumerate(recording.episodes):
+                    episode.edits = needed[name][index // passes]
+            entries.append(AgentResults(AGENTS[row], name, "dev", tuple(recordings)))
+    return next(item.figure for item in by_edits(ReportData(tuple(entries), ())) if isinstance(item, Chart))
+
+
+def _edits(configuration: str) -> list[int]:
+    solver = Solver(Settings(configuration, corpus="lilgym").dynamics())
+    return [solver.solve(task).steps - 1 for task in tasks(configuration)]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--row", help=f"row of the table of accuracies that the runs belong to: {', '.join(CURVES)}")
+    parser.add_argument("runs", nargs="*", type=Path)
+    args = parser.parse_args()
+    if args.runs:
+        add_curves(args.row, args.runs)
+    for file, figure in (("mean-reward", rewards()), ("edits-needed", edits()), ("ppo-curves", curves())):
+        save(figure, PICTURES / f"results-{file}.png", "png")
