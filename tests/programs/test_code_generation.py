@@ -42,6 +42,20 @@ def test_common_constructs__have_generated_code_that_agrees(source: str) -> None
         assert_agreement(program, scene)
 
 
+def test_words_as_functions__are_told_apart() -> None:
+    """Also where an object of one has the address that an object of another had."""
+    tops = (f"query_color(unique(filter_obj({name}.all_items_in_box(), is_top)))" for name in "xy")
+    bottoms = (f"query_color(unique(filter_obj({name}.all_items_in_box(), is_bottom)))" for name in "xy")
+    same = f"equal_color({', '.join(tops)}) and NOT(equal_color({', '.join(bottoms)}))"
+    source = f"exist(filter_obj(all_boxes, lambda x: exist(filter_obj(all_boxes, lambda y: {same}))))"
+    rng = random.Random(0)
+    for _ in range(20):
+        program = Program(source)
+        assert program.has_generated_code
+        for scene in scenes(rng):
+            assert_agreement(program, scene)
+
+
 @pytest.mark.parametrize(
     "source",
     [

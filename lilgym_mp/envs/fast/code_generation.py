@@ -88,6 +88,7 @@ class Context:
         self.size_left = MAX_KERNEL_SIZE
         self.steps_left = costs.STEP_LIMIT
         self.kernels: dict[tuple[str, int, object], _KernelUse] = {}
+        self.lambdas: dict[int, Lambda] = {}  # by id of the node; kept, as kernels are known by the id of their body
 
 
 class Generator:
@@ -311,11 +312,16 @@ class Generator:
             operator = {"and": "&", "or": "|"}[operator]
         return ir.Bool(ir.operate(operator, *(cast("ir.Int", value).code for value in values)), ir.all_total(values))
 
+    def function(self, node: Node | None) -> Lambda:
+        """The lambda that the node is, or stands for."""
+        found = self.context.lambdas.get(id(node)) or as_lambda(cast("Node", node), "x") or ir.unsupported("function")
+        return self.context.lambdas.setdefault(id(node), found)
+
     def quantifier(self, node: Call, scope: ir.Scope) -> ir.Value:
         """filter_obj, All and Any."""
         collection = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
         self.charge_call(node.word, collection, ir.FALSE)
-        function = _as_lambda(cast("Node", node.arguments[1]))
+        function = self.function(node.arguments[1])
         name = node.word.name
         strict = name != "filter_obj"
         if isinstance(collection, ir.Combinations) and name != "All":
@@ -396,7 +402,7 @@ class Generator:
     def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
         """Whether some element is present, and those that are have equal values, two by two."""
         collection = self.lower(cast("Node", node.arguments[0]), scope)
-        function = _as_lambda(cast("Node", node.arguments[1]))
+        function = self.function(node.arguments[1])
         self.charge_call(node.word, collection, ir.FALSE)
         if not isinstance(collection, ir.StaticList):
             ir.unsupported("all_same_attribute")
@@ -432,7 +438,7 @@ class Generator:
         if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(function):
             return self.condition(body, {**scope, parameter: element}, strict=strict)
         local: ir.Scope = {parameter: ir.BoxRef(ir.LOCAL_BOX)}
-        key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
+        key = (parameter, id(body), ("box", strict))  # which the tree or the context keeps
         return ir.Bool(*self.kernel_call(element.box, key, lambda inner: inner.condition(body, local, strict=strict)))
 
     def filter_part(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
@@ -526,10 +532,6 @@ class Generator:
         if item.code.indices & value.code.indices:
             return None
         return ir.ItemMask(ir.operate("negative", value.code), in_range=False, total=value.total)
-
-
-def _as_lambda(node: Node) -> Lambda:
-    return as_lambda(node, "x") or ir.unsupported("function")
 
 
 def _is_of_scene(node: Node) -> bool:
