@@ -52,7 +52,7 @@ def add_curves(row: str, runs: list[Path]) -> None:
     names = {run.name for run in runs}
     rows = [each for each in known if each[1] not in names]
     for run in runs:
-        configuration = json.loads((run / RUN_FILE).read_text())["environment"]["configuration"]
+        configuration = json.loads((run / RUN_FILE).read_text())["identity"]["environment"]["configuration"]
         for line in map(json.loads, (run / EVALUATIONS_FILE).read_text().splitlines()):
             accuracy = line["accuracy"] if line[PROGRAM_ACCURACY] is None else line[PROGRAM_ACCURACY]
             rows.append([row, run.name, configuration, str(line["steps"]), f"{100 * accuracy:.1f}"])
