@@ -60,7 +60,10 @@ ELSEWHERE = {  # pictures made by other commands
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
-    "results-mean-reward.png, results-edits-needed.png, results-ppo-curves.png": "python scripts/draw_results.py",
+    **dict.fromkeys(
+        ("results-mean-reward.png", "results-edits-needed.png", "results-ppo-curves.png"),
+        "python scripts/draw_results.py",
+    ),
     "results-*.png": "charts of a report; lilgym-mp report RESULTS --out OUT with RESULTS as in docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
 }
