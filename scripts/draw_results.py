@@ -108,9 +108,11 @@ def _edits(configuration: str) -> list[int]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--row", help=f"row of the table of accuracies that the runs belong to: {', '.join(CURVES)}")
+    parser.add_argument("--row", choices=[*CURVES], help="row of the table of accuracies that the runs belong to")
     parser.add_argument("runs", nargs="*", type=Path)
     args = parser.parse_args()
+    if args.runs and not args.row:
+        parser.error("runs need --row")
     if args.runs:
         add_curves(args.row, args.runs)
     for file, figure in (("mean-reward", rewards()), ("edits-needed", edits()), ("ppo-curves", curves())):
