@@ -13,7 +13,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_all_tasks
-from tests.scripts import SCRIPTS, load_script
+from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -59,8 +59,33 @@ def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatc
         assert sorted(script.read(name)) == sorted(rows)
 
 
-def test_charts_of_results__are_drawn_from_the_csv_files(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.syspath_prepend(SCRIPTS)
+def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    script = load_script("digest_recordings")
+    monkeypatch.setattr("write_result_tables.RESULTS", Path(shutil.copytree(DOCS / "results", tmp_path / "results")))
+    before = script.read("runs")
+    for name, lines in {
+        "imitation-TowerFlipIt-1": {"progress": {"updates": 3600, "states": 1, "cpu_seconds": 90}},
+        "ppo-TowerFlipIt-2": {
+            "progress": {"steps": 200_000, "cpu_seconds": 66},
+            "validations": {"best_steps": 130_000},
+        },
+    }.items():
+        (run := tmp_path / "runs" / name).mkdir(parents=True)
+        (run / "run.json").write_text('{"made": {"commit": "0123456789"}}')
+        for file, line in lines.items():
+            (run / f"{file}.jsonl").write_text(f'{{"updates": 0}}\n{json.dumps(line)}\n')
+    recordings = str(tmp_path / "episodes" / "ppo-TowerFlipIt-2")
+    assert main(["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", recordings]) == 0
+    script.write_runs(tmp_path)
+    changed = [row for row in script.read("runs") if row not in before]
+    digest = next(row[-1] for row in before if row[1] == "imitation-TowerFlipIt-1")
+    assert changed == [
+        ["3", "imitation-TowerFlipIt-1", "0123456", "1.5", "3,600", digest],
+        ["13, 14", "ppo-TowerFlipIt-2", "0123456", "1.1", "0.13 million", script.digest(Path(recordings))],
+    ]
+
+
+def test_charts_of_results__are_drawn_from_the_csv_files():
     script = load_script("draw_results")
     (axes,) = script.rewards().axes
     assert len(axes.patches) == 4 * len(script.AGENTS)
