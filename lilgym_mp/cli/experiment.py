@@ -38,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.cli.experiment_plan import read_plan
+    from lilgym_mp.cli.experiment_plan import OUT, read_plan
     from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, execute, make_attempts
     from lilgym_mp.envs.machine import usable_cores
 
@@ -47,11 +47,12 @@ def run(args: argparse.Namespace) -> int:
     if args.only:
         by_name = {planned.name: planned for planned in plan}
         plan = [choose("run", name, by_name) for name in dict.fromkeys(args.only)]
+    results = args.out or RESULTS / args.file.stem
     if args.list:
         for planned in plan:
-            print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands))
+            for words in planned.commands:
+                print(f"{planned.name}: lilgym-mp {' '.join(words)}".replace(OUT, str(results)))
         return 0
-    results = args.out or RESULTS / args.file.stem
     for planned in plan if args.split else ():
         if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():
             raise CommandError(f"{planned.name}: was not trained; execute the experiment without --split first")

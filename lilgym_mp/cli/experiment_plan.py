@@ -19,7 +19,7 @@ from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
-SEED = "{seed}"  # in the text of an option, replaced by the run's seed
+SEED, OUT = "{seed}", "{out}"  # in the text of an option, replaced by the run's seed and the results directory
 INVALID = (CommandError, ValueError, TypeError)  # raised for a value that an environment or a command refuses
 
 

@@ -16,7 +16,7 @@ from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
-from lilgym_mp.cli.experiment_plan import PlannedRun
+from lilgym_mp.cli.experiment_plan import OUT, PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
 from lilgym_mp.evaluation.options import CommandError
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, CHECKPOINT_FILE, PROGRESS_FILE
@@ -110,6 +110,7 @@ class Attempt:
         """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""
         if self._stopped.is_set():
             raise _Failed("not started")
+        words = [word.replace(OUT, str(self.results)) for word in words]
         environment = {**HUGE_PAGES, **os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
         with self.log.open("ab") as log:
             log.write(f"$ lilgym-mp {' '.join(words)}\n".encode())

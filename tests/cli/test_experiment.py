@@ -95,16 +95,18 @@ def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str,
     assert list(words[first : words.index("--corpus")]) == played
 
 
-def test_plan__a_path_can_name_the_seed(tmp_path: Path):
+def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     text = """
     configurations = ["TowerFlipIt"]
     seeds = [3, 5]
     [[learners]]
     learner = "imitation"
-    teacher = "runs/teacher-{seed}"
+    teacher = "{out}/runs/teacher-{seed}"
     """
-    plan = read_plan(write_file(tmp_path / "a.toml", text))
-    assert [planned.train[-1] for planned in plan] == ["runs/teacher-3", "runs/teacher-5"]
+    file = write_file(tmp_path / "a.toml", text)
+    assert main(["experiment", str(file), "--out", "here", "--list"]) == 0
+    training = capsys.readouterr().out.splitlines()[::2]
+    assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
 def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
@@ -198,7 +200,7 @@ class Script(Attempt):
     """Replaces the commands by a fast success or a failure."""
 
     def _call(self, words: Sequence[str]) -> None:
-        super()._call(["--help"] if words[0] == "fine" else ["no-such-command"])
+        super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
 def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path):
@@ -208,7 +210,7 @@ def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path)
     execute(attempts, 1, lambda: None, 0.1)
     assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
     assert "no-such-command" in attempts[0].error
-    assert "no-such-command" in attempts[0].log.read_text()
+    assert f"no-such-command {tmp_path}\n" in attempts[0].log.read_text()
     again = make_attempts(plans, tmp_path, 1)
     assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
