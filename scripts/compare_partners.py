@@ -2,8 +2,8 @@
 
     python scripts/compare_partners.py results/game REWARD_MODEL
 
-The first argument is the results directory of `experiments/game.toml`, the second a run of a reward model on
-TowerFlipIt. Success and rates are in percent, on FlipIt unless named.
+The first argument is the results directory of `experiments/game.toml`, of which the tables are printed whose runs are
+there; the second is a run of a reward model on TowerFlipIt. Success and rates are in percent, on FlipIt unless named.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import mean
 from types import SimpleNamespace
@@ -112,7 +113,7 @@ def joint(runs: Sequence[Agent]) -> Iterator[list[str]]:
         yield row
 
 
-def veto(alone: Sequence[Agent], both: Sequence[Agent], reward_model: Agent) -> Iterator[list[str]]:
+def veto(reward_model: Agent, alone: Sequence[Agent], both: Sequence[Agent]) -> Iterator[list[str]]:
     yield ["proposer trained", "verifier at test", "success", "minus the proposer alone", "seen / unseen", "J"]
     known = {name: [SCRIPTED_VERIFIERS[name]] * len(alone) for name in ("always-accept", "oracle")}
     known["reward model"] = [seat(reward_model, Role.VERIFIER, alone[0].game)] * len(alone)
@@ -131,7 +132,7 @@ def veto(alone: Sequence[Agent], both: Sequence[Agent], reward_model: Agent) -> 
             yield row
 
 
-def audit(runs: Sequence[Agent], independent: Sequence[Agent], reward_model: Agent) -> Iterator[list[str]]:
+def audit(reward_model: Agent, runs: Sequence[Agent], independent: Sequence[Agent]) -> Iterator[list[str]]:
     yield ["claims of", "verifier", "true accepted", "false rejected", "J", "success"]
     verifiers = [seat(run, Role.VERIFIER) for run in runs]
     judge = seat(reward_model, Role.VERIFIER, runs[0].game)
@@ -152,9 +153,9 @@ def audit(runs: Sequence[Agent], independent: Sequence[Agent], reward_model: Age
         yield ["two experts, honest and lying", name, *rates(found), success(found)]
 
 
-def critique(runs: Sequence[Agent]) -> Iterator[list[str]]:
+def critique(runs: Sequence[Agent], silent: Sequence[Agent]) -> Iterator[list[str]]:
     yield ["messages", "success", "J", "turns"]
-    for run in runs:
+    for run in (*runs, *silent):
         assert run.game is not None
         verifier, count = seat(run, Role.VERIFIER), run.game.message_sizes()[Role.VERIFIER]
         played = {"as sent" if count else "none": verifier}
@@ -175,9 +176,12 @@ if __name__ == "__main__":
         return [open_agent(path) for path in sorted((args.results / "runs").glob(f"{name}-{CONFIGURATION}-*"))]
 
     judge = open_agent(args.reward_model)
-    alone, both, audits = opened("veto-alone"), opened("veto-both"), opened("audit")
-    for rows in (joint(opened("joint")), veto(alone, both, judge), audit(audits, opened("audit-independent"), judge)):
-        head, *others = rows
-        print(table(head, others), "\n")
-    head, *rows = critique([*opened("critique"), *opened("critique-silent")])
-    print(table(head, rows))
+    for rows_of, *names in (
+        (joint, "joint"),
+        (partial(veto, judge), "veto-alone", "veto-both"),
+        (partial(audit, judge), "audit", "audit-independent"),
+        (critique, "critique", "critique-silent"),
+    ):
+        if all(runs := [opened(name) for name in names]):
+            head, *rows = rows_of(*runs)
+            print(table(head, rows), "\n")
