@@ -16,6 +16,7 @@ from typing import Any
 
 from write_result_tables import read, write
 
+from lilgym_mp.cli.experiment_runs import EPISODES, FINISHED, RUNS
 from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
@@ -36,16 +37,16 @@ def digest(directory: Path) -> str:
 
 
 def write_runs(directory: Path) -> None:
-    """Writes the commit, CPU minutes, budget and digest of an experiment's runs in place of those in runs.csv."""
+    """Writes commit, CPU minutes, budget and digest of an experiment's finished runs in place of those in runs.csv."""
     (*head,), *rows = read("runs")
     for row in rows:
-        if (run := directory / "runs" / row[1]).is_dir():
+        if (directory / FINISHED / f"{row[1]}.json").is_file():
+            run, recordings = directory / RUNS / row[1], directory / EPISODES / row[1]
             made, progress = json.loads((run / RUN_FILE).read_text())["made"], last_line(run / PROGRESS_FILE)
             count = last_line(run / VALIDATIONS_FILE).get("best_steps") or progress.get("steps") or progress["updates"]
-            recordings = directory / "episodes" / row[1]
             row[2:4] = made["commit"][:7], f"{progress['cpu_seconds'] / 60:.1f}"
             row[4] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
-            row[5] = digest(recordings) if recordings.is_dir() else row[5]
+            row[5] = digest(recordings) if recordings.is_dir() else ""
     write("runs", [head, *rows])
 
 
