@@ -103,8 +103,7 @@ def run(args: argparse.Namespace) -> int:
     first = chosen[0]
     grid = first.grid if isinstance(first.grid, str) else "x".join(map(str, first.grid))
     print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {grid}\n")
-    header, *rows = summary_rows(summaries)
-    print(table(header, rows))
+    print(table(("", *COLUMNS), summary_rows(summaries)))
     if unsolved:
         print("\n".join([f"\nunsolved: {len(unsolved)}", *unsolved[:MOST_LISTED]]))
     if len(unsolved) > MOST_LISTED:
@@ -182,9 +181,8 @@ def summarise(reports: Sequence[TaskReport]) -> Summary:
 
 
 def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
-    """A header, and a row for each named summary."""
-    rows = [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
-    return [("", *COLUMNS), *rows]
+    """The name and COLUMNS of each summary."""
+    return [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
 
 
 def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:

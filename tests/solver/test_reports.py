@@ -20,8 +20,7 @@ UNSOLVABLE = Solution(Status.UNSOLVABLE, (), 12, 9, "no scene has that value")
 def test_summary__excludes_unsolvable_tasks_from_the_share():
     one = task("True")
     summary = summarise([TaskReport(one, SOLVED, 0.0015), TaskReport(one, UNSOLVABLE, 0.0045)])
-    header, row = summary_rows({"TowerFlipIt dev": summary})
-    assert header[:3] == ("", "tasks", "solved")
+    (row,) = summary_rows({"TowerFlipIt dev": summary})
     assert row == ("TowerFlipIt dev", "2", "1 (100.00 %)", "0", "1", "0", "0.00", "0", "3.00", "3.00")
 
 
