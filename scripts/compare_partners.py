@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import mean
@@ -33,13 +33,11 @@ CONFIGURATION, SCRATCH = "TowerFlipIt", "TowerScratch"
 Games = list[GameRecord]
 
 
-@dataclass(frozen=True)
 class Messages(BatchPartner):
     """A verifier whose messages, 1 to `count`, are replaced by the next, or by silence."""
 
-    verifier: BatchPartner
-    count: int
-    silent: bool
+    def __init__(self, verifier: BatchPartner, count: int, *, silent: bool) -> None:
+        self.verifier, self.count, self.silent = verifier, count, silent
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         choices, messages = divmod(self.verifier.batch(turn), self.count + 1)
@@ -160,7 +158,10 @@ def critique(runs: Sequence[Agent], silent: Sequence[Agent]) -> Iterator[list[st
         verifier, count = seat(run, Role.VERIFIER), run.game.message_sizes()[Role.VERIFIER]
         played = {"as sent" if count else "none": verifier}
         if count:
-            played |= {"silenced": Messages(verifier, count, True), "permuted": Messages(verifier, count, False)}
+            played |= {
+                "silenced": Messages(verifier, count, silent=True),
+                "permuted": Messages(verifier, count, silent=False),
+            }
         for name, partner in played.items():
             found = play(run, seat(run, Role.PROPOSER), partner)
             yield [name, success([found]), rates([found])[-1], f"{summarise(found).mean_rounds:.1f}"]
