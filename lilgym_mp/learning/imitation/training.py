@@ -39,7 +39,7 @@ from lilgym_mp.learning.imitation.agent import (
 from lilgym_mp.learning.imitation.batches import BatchSampler, losses
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
-from lilgym_mp.learning.imitation.learner import ImitationRecipe
+from lilgym_mp.learning.imitation.learner import ImitationOptions, ImitationRecipe
 from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_geometry
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.scene import Scene
@@ -49,7 +49,7 @@ ENTRIES_PER_COLLECTION = 32
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
 LAST_SCENES = 3  # of each of the network's episodes that are labelled
 LOWEST_RATE = 0.02  # the last learning rate relative to the peak
-GEOMETRY_UPDATES = 4  # of geometry pretraining per update of text pretraining (Scatter); short, outside the budget
+GEOMETRY_UPDATES = 4  # of geometry pretraining (Scatter) per update of text pretraining; short, outside the budget
 MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
@@ -166,7 +166,7 @@ class Run(TrainingRun):
         if self.stop.requested:
             return
         self._collect_first()
-        if not self.counters.begun_at:
+        if not self.counters.states:
             self._pretrain_geometry()
             self.counters.begun_at = self.progress()
         self.optimise()
@@ -227,7 +227,9 @@ class Run(TrainingRun):
     # Pretraining
 
     def _pretrain_geometry(self) -> None:
-        heads, updates = self._network.scatter, GEOMETRY_UPDATES * self.counters.updates
+        """Trains the prediction of legal edits, also where a teacher replaces text pretraining."""
+        heads, of_run = self._network.scatter, self.budget.amount or ImitationOptions().updates
+        updates = round(GEOMETRY_UPDATES * self._recipe.pretraining * of_run)
         if heads is not None and updates:
             pretrain_geometry(heads.geometry, self._policy.table, updates, self._recipe.warmup, self._rng)
 

@@ -11,6 +11,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import State, make_dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.teaching import first_edits
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.reward_model.training import train_reward_model
@@ -28,8 +29,8 @@ def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return teacher_of(150, statements, tmp_path_factory.mktemp("teacher"))
 
 
-def teacher_of(updates: int, statements: str, out: Path) -> Path:
-    settings = Settings("TowerFlipIt", corpus=statements)
+def teacher_of(updates: int, statements: str, out: Path, name: str = "TowerFlipIt") -> Path:
+    settings = Settings(name, corpus=statements)
     train_reward_model(settings, reward_model.small_recipe(settings), out, updates=updates)
     return out
 
@@ -49,6 +50,18 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
         assert agent.description.details["steps"] == sum(stops)
     for name in ("TowerFlipIt", "TowerScratch"):
         assert accuracy(open_agent(tmp_path / "run"), replace(settings, configuration=name)) == 1
+
+
+def test_taught_network__learns_legal_edits_first_and_once(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    settings, updates = Settings("ScatterFlipIt", corpus=statements), list[int]()
+    teacher = teacher_of(2, statements, tmp_path / "teacher", "ScatterFlipIt")
+    monkeypatch.setattr(training, "pretrain_geometry", lambda *arguments: updates.append(arguments[2]))
+    recipe = small_recipe(settings, pretraining=0.25)
+    for budget, resume in ((4, False), (6, True)):
+        train_imitation(settings, recipe, tmp_path / "run", updates=budget, teacher=teacher, resume=resume)
+    assert updates == [4]
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
