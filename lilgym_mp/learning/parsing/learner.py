@@ -34,9 +34,5 @@ class ParserOptions(RunOptions):
 
 
 LEARNER = Learner(
-    ParserRecipe,
-    ParserOptions,
-    "lilgym_mp.learning.parsing.training:train_parser",
-    config=None,
-    directory="{learner}",
+    ParserRecipe, ParserOptions, "lilgym_mp.learning.parsing.training:train_parser", config=None, directory="{learner}"
 )
