@@ -44,7 +44,8 @@ def write_runs(directory: Path) -> None:
             run, recordings = directory / RUNS / row[1], directory / EPISODES / row[1]
             made, progress = json.loads((run / RUN_FILE).read_text())["made"], last_line(run / PROGRESS_FILE)
             count = last_line(run / VALIDATIONS_FILE).get("best_steps") or progress.get("steps") or progress["updates"]
-            row[2:4] = made["commit"][:7], f"{progress['cpu_seconds'] / 60:.1f}"
+            commit, _, changes = made["commit"].partition(" ")
+            row[2:4] = f"{commit[:7]} {changes}".strip(), f"{progress['cpu_seconds'] / 60:.1f}"
             row[4] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
             row[5] = digest(recordings) if recordings.is_dir() else ""
     write("runs", [head, *rows])

@@ -70,7 +70,7 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monke
     ):
         (run := tmp_path / "runs" / name).mkdir(parents=True)
         (tmp_path / "finished" / f"{name}.json").touch()
-        (run / "run.json").write_text('{"made": {"commit": "0123456789"}}')
+        (run / "run.json").write_text('{"made": {"commit": "0123456789 with changes"}}')
         for file, line in zip(("progress", "validations"), lines, strict=False):
             (run / f"{file}.jsonl").write_text(f'{{"updates": 0}}\n{json.dumps(line)}\n')
     recordings = str(tmp_path / "episodes" / "ppo-TowerFlipIt-2")
@@ -78,8 +78,8 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monke
     script.write_runs(tmp_path)
     changed = [row for row in script.read("runs") if row not in before]
     assert changed == [
-        ["3", "imitation-TowerFlipIt-1", "0123456", "1.5", "3,600", ""],
-        ["13, 14", "ppo-TowerFlipIt-2", "0123456", "1.1", "0.13 million", script.digest(Path(recordings))],
+        ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "1.5", "3,600", ""],
+        ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "1.1", "0.13 million", script.digest(Path(recordings))],
     ]
 
 
