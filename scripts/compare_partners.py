@@ -176,7 +176,7 @@ if __name__ == "__main__":
     def opened(name: str) -> list[Agent]:
         return [open_agent(path) for path in sorted((args.results / "runs").glob(f"{name}-{CONFIGURATION}-*"))]
 
-    judge = open_agent(args.reward_model)
+    judge, printed = open_agent(args.reward_model), False
     for rows_of, *names in (
         (joint, "joint"),
         (partial(veto, judge), "veto-alone", "veto-both"),
@@ -184,5 +184,8 @@ if __name__ == "__main__":
         (critique, "critique", "critique-silent"),
     ):
         if all(runs := [opened(name) for name in names]):
+            printed = True
             head, *rows = rows_of(*runs)
             print(table(head, rows), "\n")
+    if not printed:
+        parser.error(f"{args.results / 'runs'}: no section of the page has all its runs here")

@@ -2,12 +2,14 @@
 
     python scripts/write_result_tables.py
     python scripts/write_result_tables.py --row 13 results/episodes/ppo-*/*-greedy.jsonl.gz
+    python scripts/write_result_tables.py --runs results
 
 docs/results/outcomes.csv has the runs whose recordings were kept in this form: for each start scene of official dev, in
 the order of the file, the number of its episodes that succeeded. Which statement a scene belongs to is read from the
 official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
-recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too.
+recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. `--runs`
+writes commit, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which knows them by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
@@ -16,28 +18,32 @@ from __future__ import annotations
 
 import argparse
 import csv
+import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from compare_partners import play, seat
+from digest_recordings import digest
+
+from lilgym_mp.cli.experiment_runs import EPISODES, FINISHED, RUNS
 from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, mean_where, paired_difference
 from lilgym_mp.contrib.report.behaviour import ROLLOUT_STATISTICS, error_kind
 from lilgym_mp.contrib.report.items import MISSING
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
-from lilgym_mp.envs.proposer_verifier import Role, play_games
-from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier import Role
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
 from lilgym_mp.learning.common.agents import open_agent
+from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.report.aggregation import Difference, MeanStd
@@ -91,11 +97,7 @@ def played(row: str, run: Path) -> Iterator[Outcomes]:
     assert game is not None
     for name in CONFIGURATIONS:
         if CONFIGURATIONS[name][0] == game.appearance:
-            env = BaseGameEnv(**vars(replace(game, configuration=name, split="dev")))
-            proposer, verifier = (agent.partner(role, game) for role in Role)
-            assert proposer is not None
-            assert verifier is not None
-            records = play_games(env, proposer, verifier)
+            records = play(agent, seat(agent, Role.PROPOSER), seat(agent, Role.VERIFIER), name)
             successes = "".join(str(int(record.outcome is Outcome.SUCCESS)) for record in records)
             yield Outcomes(row, run.name, commit() or "", name, "greedy", "1", successes)
 
@@ -182,6 +184,28 @@ def add(row: str, paths: Sequence[Path]) -> None:
     write("outcomes", [head, *sorted(rows, key=lambda each: (int(each[0]), *each[1:]))])
 
 
+def write_runs(directory: Path) -> list[str]:
+    """Writes an experiment's finished runs into runs.csv; returns the names of those that have no row there."""
+    (*head,), *rows = read("runs")
+    finished = [file.stem for file in sorted((directory / FINISHED).glob("*.json"))]
+    for row in rows:
+        if row[1] in finished:
+            finished.remove(row[1])
+            run, recordings = directory / RUNS / row[1], directory / EPISODES / row[1]
+            made, progress = json.loads((run / RUN_FILE).read_text())["made"], last_line(run / PROGRESS_FILE)
+            count = last_line(run / VALIDATIONS_FILE).get("best_steps") or progress.get("steps") or progress["updates"]
+            commit, _, changes = made["commit"].partition(" ")
+            row[2:4] = f"{commit[:7]} {changes}".strip(), f"{progress['cpu_seconds'] / 60:.1f}"
+            row[4] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
+            row[5] = digest(recordings) if recordings.is_dir() else ""
+    write("runs", [head, *rows])
+    return finished
+
+
+def last_line(file: Path) -> dict[str, Any]:
+    return json.loads(file.read_text().splitlines()[-1]) if file.is_file() else {}
+
+
 def runs_by_row() -> dict[tuple[str, str], list[Any]]:
     """The recordings of each row and configuration."""
     found: dict[tuple[str, str], list[Any]] = {}
@@ -240,7 +264,13 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--row", help="row of the table of accuracies that the paths belong to")
     parser.add_argument("paths", nargs="*", type=Path)
+    parser.add_argument("--runs", type=Path, metavar="DIR", help="results directory of an experiment, for runs.csv")
     args = parser.parse_args()
+    if args.runs is not None:
+        if not (args.runs / FINISHED).is_dir():
+            parser.error(f"{args.runs}: not the results directory of an experiment")
+        for name in write_runs(args.runs):
+            print(f"{name}: has no row in runs.csv; add one with its name")
     add(args.row, args.paths)
     write("accuracy", accuracies())
     write("paired_tests", differences())

@@ -60,8 +60,8 @@ def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatc
 
 
 def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    script = load_script("digest_recordings")
-    monkeypatch.setattr("write_result_tables.RESULTS", Path(shutil.copytree(DOCS / "results", tmp_path / "results")))
+    script = load_script("write_result_tables")
+    monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(DOCS / "results", tmp_path / "results")))
     before = script.read("runs")
     (tmp_path / "finished").mkdir()
     for name, *lines in (
@@ -75,7 +75,8 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monke
             (run / f"{file}.jsonl").write_text(f'{{"updates": 0}}\n{json.dumps(line)}\n')
     recordings = str(tmp_path / "episodes" / "ppo-TowerFlipIt-2")
     assert main(["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", recordings]) == 0
-    script.write_runs(tmp_path)
+    (tmp_path / "finished" / "new-0.json").touch()
+    assert script.write_runs(tmp_path) == ["new-0"]
     changed = [row for row in script.read("runs") if row not in before]
     assert changed == [
         ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "1.5", "3,600", ""],

@@ -46,7 +46,7 @@ class ImitationRecipe(Recipe):
     )
     first_scenes: int = setting(3, "scenes with optimal actions per statement before imitation begins", 1)
     pretraining: float = setting(
-        0.25, "fraction of the updates, at the start, that pretrain the text encoder on writing programs", 0, 0.9
+        0.25, "fraction of updates that pretrain the text encoder; Scatter's legal edits get four times as many", 0, 0.9
     )
     budget: int = setting(20_000, "maximum scenes the expert expands per query", 1)
     held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
