@@ -1,4 +1,4 @@
-"""Write the tables of docs/results.md, and accuracy.csv, paired_tests.csv and stops.csv from the other files.
+"""Write the tables of docs/results.md, and accuracy.csv, paired_tests.csv, phenomena.csv and stops.csv from the others.
 
     python scripts/write_result_tables.py
     python scripts/write_result_tables.py --row 13 results/episodes/ppo-*/*-greedy.jsonl.gz
@@ -34,6 +34,7 @@ from lilgym_mp.cli.experiment_runs import EPISODES, FINISHED, RUNS
 from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, mean_where, paired_difference
 from lilgym_mp.contrib.report.behaviour import ROLLOUT_STATISTICS, error_kind
 from lilgym_mp.contrib.report.items import MISSING
+from lilgym_mp.contrib.report.phenomena import phenomena, syntactic_phenomena
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.envs.proposer_verifier import Role
@@ -70,7 +71,7 @@ class Outcomes(NamedTuple):
     def recording(self) -> Any:
         """A recording, as far as it is needed to compute accuracies and their differences."""
         episodes = (
-            SimpleNamespace(statement=task.statement, is_success=success < int(successes))
+            SimpleNamespace(statement=task.statement, program=task.program, is_success=success < int(successes))
             for task, successes in zip(tasks(self.configuration), self.successes, strict=True)
             for success in range(int(self.episodes))
         )
@@ -247,6 +248,26 @@ def differences() -> list[list[str]]:
     return [head, *sorted(rows, key=lambda row: (int(row[0]), int(row[1])))]
 
 
+def by_phenomenon() -> list[list[str]]:
+    """phenomena.csv with the numbers of start scenes, and accuracies of rows in outcomes.csv."""
+
+    def shows(case: Any) -> bool:
+        return row[0] in phenomena(case.program) or row[0] in syntactic_phenomena(case.statement)
+
+    found = runs_by_row()
+    agents = {agent_of(number, "greedy"): number for number, _ in reversed(found)}  # of two, the greedy row
+    (*head,), *rows = read("phenomena")
+    for row in rows:
+        for column, title in enumerate(head):
+            configuration, _, name = title.partition(": ")
+            if name in agents:
+                accuracy = accuracy_where(found[agents[name], configuration], shows)
+                row[column] = MISSING if accuracy is None else f"{accuracy.mean:.2f}"
+            elif configuration in CONFIGURATIONS:
+                row[column] = str(sum(map(shows, tasks(configuration))))
+    return [head, *rows]
+
+
 def text(page: str) -> str:
     """The page with its tables made anew."""
     return TABLE.sub(_table, page)
@@ -274,5 +295,6 @@ if __name__ == "__main__":
     add(args.row, args.paths)
     write("accuracy", accuracies())
     write("paired_tests", differences())
+    write("phenomena", by_phenomenon())
     write("stops", stops())
     PAGE.write_text(text(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -42,6 +42,7 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
     script = load_script("write_result_tables")
     assert script.accuracies() == script.read("accuracy")
     assert script.differences() == script.read("paired_tests")
+    assert script.by_phenomenon() == script.read("phenomena")
 
 
 @pytest.mark.long
