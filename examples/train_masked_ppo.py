@@ -5,6 +5,7 @@ Run: python examples/train_masked_ppo.py --configuration TowerScratch --corpus b
 """
 
 import argparse
+import sys
 
 import torch
 from sb3_contrib import MaskablePPO
@@ -32,4 +33,4 @@ model.learn(args.steps, settings.callback, log_interval=25, use_masking=False)
 envs.close()
 model.save(args.model)
 results = ["--out", args.json, "--force"] if args.json else []
-main(["evaluate", args.model, "--trust", "--alone", "--corpus", args.corpus, "--split", args.split, *results])
+sys.exit(main(["evaluate", args.model, "--trust", "--alone", "--corpus", args.corpus, "--split", args.split, *results]))

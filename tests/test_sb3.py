@@ -39,11 +39,14 @@ from lilgym_mp.wrappers import (
     ActionMask,
     StopForcing,
     action_mask_v0,
+    box_permutation_v0,
     flat_observation_v0,
     image_observation_v0,
     stop_forcing_v0,
     structured_observation_v0,
+    text_observation_v0,
 )
+from lilgym_mp.wrappers.transformation import WrongEnvironment
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -222,7 +225,7 @@ def own_ids(tmp_path: Path) -> str:
         ({"wrapper_class": StopForcing}, "wrap=WRAPPER"),
         ({"vec_env_cls": DummyVecEnv}, 'backend="subproc"'),
         ({"monitor_dir": "logs"}, "monitor=False"),
-        ({"backend": "dummy", "num_workers": 2}, "as it belongs to workers"),
+        ({"num_workers": 2}, 'make_vec_env.*backend="workers", num_workers=.*as it belongs to workers'),
         ({"backend": "dummy", "evaluation": True}, "as it belongs to batches"),
         ({"nonsense": 1}, "choose from corpus, .* sampler, .*, render_mode, copy"),
     ],
@@ -259,6 +262,11 @@ def test_infos__are_new_dicts_one_per_environment(made: Any) -> None:
     assert len({id(info) for info in (*first, *second)}) == 2 * COUNT
     first[0]["mine"] = True
     assert not any("mine" in info for info in (*first[1:], *second, *env.step(np.zeros(COUNT, np.int64))[3]))
+
+
+def test_metadata__has_the_frames_per_second_of_films(made: Any) -> None:
+    batched, single = (made(TOWER, backend, monitor=False).get_attr("metadata")[0] for backend in ("batched", "dummy"))
+    assert batched["render_fps"] == made(TOWER, "batched", monitor=False).metadata["render_fps"] == single["render_fps"]
 
 
 def test_monitor__can_be_switched_off(made: Any) -> None:
@@ -337,6 +345,21 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: 
     env.seed(0)
     env.reset()
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
+
+
+@pytest.mark.parametrize("backend", ["batched", "dummy"])
+def test_stop_forcing__is_added_outside_of_other_wrappers(made: Any, backend: str) -> None:
+    wrap = lambda env: structured_observation_v0(box_permutation_v0(env))  # noqa: E731
+    assert "forced" in made(TOWER, backend, wrap=wrap, stop_forcing=True).observation_space.spaces
+    for wrap in (image_observation_v0, lambda env: flat_observation_v0(structured_observation_v0(env))):
+        with pytest.raises(WrongEnvironment, match="StopForcing needs Dict observations"):
+            made(TOWER, backend, wrap=wrap, stop_forcing=True)
+
+
+@pytest.mark.parametrize("settings", [{"observation": "text"}, {"wrap": text_observation_v0}])
+def test_batch__refuses_text(made: Any, settings: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="Stable-Baselines3 has no Text spaces; use observation="):
+        made(TOWER, "batched", **settings)
 
 
 @pytest.mark.parametrize("backend", ["batched", "dummy"])

@@ -145,9 +145,6 @@ class GridPlanes(EnvWrapper[Planes]):
         super().__init__(env, keep_image=keep_image)
 
 
-SIZE = "native"
-
-
 class Channels(Format):
     """Moves the image's last axis to the front."""
 

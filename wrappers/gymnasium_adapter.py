@@ -59,7 +59,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 
     def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
         """`settings`: recorded in the spec and passed to the transformation."""
-        RecordConstructorArgs.__init__(self, **settings)
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)  # an encoder can be large
         gym.Wrapper.__init__(self, env)
         description = description_of(env, type(self).__name__)
         self.transformation = cast("TransformationT", type(self).transformation_class(description, **settings))

@@ -211,7 +211,7 @@ class TaskChange(Transformation):
 def change_tasks(env: Any, transformation: Transformation, applied: Iterable[Transformation] | None = None) -> None:
     """Replaces the tasks of `env` if it is to be wrapped in a TaskChange; `applied`: by default those of its wrappers.
 
-    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks.
+    Raises WrongEnvironment if `env` has a wrapper that may depend on its tasks, or a sampler, which may choose others.
     """
     if not isinstance(transformation, TaskChange):
         return
@@ -221,6 +221,8 @@ def change_tasks(env: Any, transformation: Transformation, applied: Iterable[Tra
             raise WrongEnvironment(
                 f"{description.wrapper} changes the tasks, so it must be applied before {other.env_description.wrapper}"
             )
+    if getattr(env.unwrapped, "sampler", None) is not None:
+        raise WrongEnvironment(f"{description.wrapper} changes the tasks, which a sampler chooses; leave out sampler")
     env.unwrapped.change_tasks(transformation.change)
 
 

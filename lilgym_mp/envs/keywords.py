@@ -8,7 +8,10 @@ from typing import Any, NoReturn
 import gymnasium as gym
 
 _OF_BATCHES = "gymnasium.make_vec(id, num_envs=N, {}=...), as it belongs to batches"
-_OF_WORKERS = "lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {}=...), as it belongs to workers"
+_OF_WORKERS = (
+    'lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {0}=...), or lilgym_mp.sb3.make_vec_env(id, N, backend="workers",'
+    " {0}=...), as it belongs to workers"
+)
 INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of environments
     "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
     "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
@@ -33,8 +36,7 @@ SB3_INSTEAD = {  # of keywords that `lilgym_mp.sb3.make_vec_env` sets itself or 
     "start_index": "seed=SEED + START_INDEX",
     "autoreset_mode": "no other than the mode that Stable-Baselines3 needs",
     **dict.fromkeys(("vectorization_mode", "vector_kwargs", "vec_env_kwargs"), "backend=... and its keywords"),
-    **{name: INSTEAD[name] for name in ("max_episode_steps", "env_kwargs", "wrapper_class", "vec_env_cls")},
-    "monitor_dir": INSTEAD["monitor_dir"],
+    "max_episode_steps": INSTEAD["max_episode_steps"],
 }
 
 

@@ -22,11 +22,9 @@ from lilgym_mp.scene.choices import choose
 class Renderer:
     """Shows scenes with lines of text, by render mode."""
 
-    def __init__(
-        self, mode: str | None, modes: Sequence[str] = RENDER_MODES, *, marked: Appearance | None = None
-    ) -> None:
+    def __init__(self, mode: str, modes: Sequence[str] = RENDER_MODES, *, marked: Appearance | None = None) -> None:
         """`marked`: the appearance whose cells frames show. Raises ValueError naming the modes."""
-        self.mode = None if mode is None else choose("render_mode", mode, {name: name for name in modes})
+        self.mode = choose("render_mode", mode, {name: name for name in modes})
         self._marked = marked
         self._window: Window | None = None
 
@@ -36,8 +34,6 @@ class Renderer:
 
     def render(self, scene: Scene, lines: Sequence[str]) -> UInt8Array | str | None:
         """By mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        if self.mode is None:
-            return None
         if self.mode == "ansi":
             from lilgym_mp.scene.render.characters import text
 

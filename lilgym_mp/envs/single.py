@@ -69,7 +69,7 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._closed = False
-        self._sampler = config.sampler
+        self.sampler = config.sampler
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
@@ -114,7 +114,7 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     def _drawn_task(self) -> Task:
         generator = self.np_random
-        if self._sampler is not None and (choice := self._sampler(generator, 0)) is not None:
+        if self.sampler is not None and (choice := self.sampler(generator, 0)) is not None:
             return self._task(choice)
         if not self._draws or generator is not self._draws_by:
             self._draws, self._draws_by = next_draws(generator, len(self.tasks)), generator

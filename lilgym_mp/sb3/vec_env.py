@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers.vector import DictInfoToList
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
@@ -26,7 +27,7 @@ from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers import stop_forcing_v0
-from lilgym_mp.wrappers.transformation import to_python
+from lilgym_mp.wrappers.transformation import WrongEnvironment, to_python
 
 OF_BATCHES = ("autoreset_mode", "closed", "copy", "np_random", "num_envs", "reset", "states", "step", "unwrapped")
 BATCH_KEYWORDS = {"autoreset_mode", "copy", "evaluation", "num_envs", "vectorization_mode"}  # in the spec of a batch
@@ -41,13 +42,18 @@ class BatchVecEnv(VecEnv):
     "terminal_observation" and "TimeLimit.truncated" at the end of an episode."""
 
     def __init__(self, venv: VectorEnv[Any, Any, Any]) -> None:
-        """Raises ValueError unless the autoreset mode of `venv` is DISABLED: this class resets, as SB3 expects."""
+        """Raises ValueError for observations with text, and unless the autoreset mode of `venv` is DISABLED: this class
+        resets, as SB3 expects."""
         mode = venv.metadata["autoreset_mode"]
         if mode is not AutoresetMode.DISABLED:
             raise ValueError(f"BatchVecEnv needs autoreset_mode={AutoresetMode.DISABLED!r}, not {mode!r}")
+        space = venv.single_observation_space
+        if any(isinstance(part, spaces.Text) for part in getattr(space, "spaces", {"": space}).values()):
+            raise ValueError('Stable-Baselines3 has no Text spaces; use observation="arrays" and no text wrapper')
         self.venv = venv
         self._lists: Any = venv if isinstance(venv, DictInfoToList) else DictInfoToList(venv)  # one info for each
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
+        self.metadata = venv.metadata  # a recorder reads "render_fps"
 
     def reset(self) -> VecEnvObs:
         """The option "task" holds for the next episode. Raises ValueError for other options."""
@@ -126,7 +132,7 @@ def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: d
         return BatchVecEnv(wrap(venv))
     except BaseException as error:
         venv.close()  # including its processes
-        if not isinstance(error, AssertionError | AttributeError | TypeError):
+        if isinstance(error, WrongEnvironment) or not isinstance(error, AssertionError | AttributeError | TypeError):
             raise
         remedies = 'a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy", which wrap each environment'
         raise ValueError(f"wrap must accept a batch ({error}); use {remedies}") from None
@@ -191,7 +197,7 @@ def make_vec_env(
         corpus = kwargs.get("corpus", "builtin")
         kwargs["sampler"] = StatementSampler(id, corpus, statement_episodes=statement_episodes, **sampling)
     outer = wrap or (lambda env: env)
-    whole = (lambda env: outer(stop_forcing_v0(env, mode="observe"))) if stop_forcing else outer
+    whole = (lambda env: stop_forcing_v0(outer(env), mode="observe")) if stop_forcing else outer
     env = build(id, checked_count("n_envs", n_envs), whole, {"observation": ARRAYS, **kwargs})
     if seed is not None:
         env.seed(seed)

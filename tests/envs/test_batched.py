@@ -217,6 +217,17 @@ def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) 
         env.reset(**arguments)
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_masked_reset__has_infos_of_the_reset_alone(mode: AutoresetMode) -> None:
+    infos = []
+    for env in (batch(TOWER, 2, mode), singles(TOWER, 2, mode)):
+        env.reset(seed=0)
+        env.step(np.zeros(2, np.int64))
+        infos.append(env.reset(options={"reset_mask": np.array([True, False])})[1])
+    assert infos[0].keys() == infos[1].keys() == {"task", "_task"}
+    assert_same(*infos)
+
+
 def test_batched__does_not_leak_memory_over_a_long_run(own_corpus: Path) -> None:
     env = batch(SCATTER, 16, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)

@@ -123,7 +123,14 @@ def test_masks__pass_through_gymnasiums_vector_wrappers(wrap: Any) -> None:
     assert np.array_equal(wrapped.goal_reached(), envs.goal_reached())
 
 
-def test_masks__other_environments_have_none() -> None:
+class StoresMasks(gym.vector.VectorWrapper):
+    def __init__(self, envs: Any) -> None:
+        super().__init__(envs)
+        self.action_masks = np.ones((2, 2))
+
+
+def test_masks__other_environments_have_none_but_their_wrappers_may() -> None:
+    assert StoresMasks(gym.make_vec("CartPole-v1", num_envs=2)).action_masks.all()
     envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
     assert not hasattr(envs, "action_masks")
     with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -117,6 +118,9 @@ def test_embedding__encodes_each_statement_once(make: Make):
 
 def test_embedding__accepts_a_sentence_encoder(make: Make):
     class Encoder:
+        def __init__(self) -> None:
+            self.lock = threading.Lock()  # cannot be copied
+
         def encode(self, sentences: list[str]) -> np.ndarray[Any, Any]:
             return np.array([[len(sentence)] for sentence in sentences])
 

@@ -142,6 +142,12 @@ def test_task_change__must_be_applied_before_wrappers_that_read_tasks(make: Make
         wrapper(StepsLeft(ActionMask(make("TowerScratch"))))
 
 
+def test_task_change__refuses_a_sampler():
+    for env in (gym.make, gym.make_vec):
+        with pytest.raises(WrongEnvironment, match="BoxPermutation changes the tasks, which a sampler chooses"):
+            box_permutation_v0(env("lilgym_mp/TowerFlipIt-v0", sampler=lambda generator, env_id: None))
+
+
 def test_task_change__applies_to_batches_and_workers(corpus: Path):
     settings = {"num_envs": 6, "corpus": str(corpus)}
     batch = box_permutation_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", **settings))

@@ -116,7 +116,7 @@ class TransformersAgent:
         if isinstance(parts, str):
             return {**message, "content": [{"type": "text", "text": parts}]} if self._sees else message
         if not self._sees:
-            raise AgentError("the model in the directory reads no pictures; choose --scene list or drawing")
+            raise AgentError("the model in the directory reads no pictures; choose --scene list")
         return {**message, "content": [part if part["type"] == "text" else _image(part) for part in parts]}
 
 

@@ -167,7 +167,7 @@ def _plan_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     )
     yield from appearance.explain(dynamics.rules.placement)
     yield "Answer with one action on each line, in order, ending with STOP, such as"
-    yield from (describe(appearance.example), "STOP", f"Other lines are ignored. {ANSWER_LAST}")
+    yield from (describe(appearance.example), "STOP", f"Write nothing else on these lines. {ANSWER_LAST}")
     yield f"Statement: {task.statement}"
     yield f"Make the statement {str(task.target).lower()}."
     yield from shown_lines(task.start, appearance, scene)

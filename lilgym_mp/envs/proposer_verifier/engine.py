@@ -12,8 +12,8 @@ from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.utils import seeding
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.checks import check_open, checked_options
-from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES
+from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
+from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, make_renderer
 from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
@@ -21,7 +21,6 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.rendering import Renderer
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -74,8 +73,8 @@ class GameEngine:
         self.games = ObservedGames(game, 1)
         self._rng: np.random.Generator | None = None  # made when it is first needed
         self._is_seeded = False
-        self._renderer = Renderer(render_mode)
-        self.render_mode = self._renderer.mode
+        self._renderer = make_renderer(render_mode)
+        self.render_mode = render_mode
         self._actions = np.zeros((len(Role), 1), np.int64)  # indexed by role, of the last turn
         self.layers: list[Layer] = []  # the observations' wrappers, innermost first
         self._is_started = self._is_closed = False
@@ -118,6 +117,7 @@ class GameEngine:
         Raises ValueError for bad options, ClosedEnvironmentError after `close`.
         """
         self.check_open()
+        seed = checked_seed(seed)
         game = self.game
         choice, intent = reset_options(options)
         if self.games.game is not game:  # with other tasks
@@ -203,12 +203,13 @@ class GameEngine:
         if outcome is not None:
             proposer_reward, verifier_reward = self.games.rewards[:, 0].tolist()
             lines.append(f"{outcome}, rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}")
-        return self._renderer.render(mdp.scene, lines)
+        return None if self._renderer is None else self._renderer.render(mdp.scene, lines)
 
     def close(self) -> None:
         """Afterwards all methods raise ClosedEnvironmentError."""
         self._is_closed = True
-        self._renderer.close()
+        if self._renderer is not None:
+            self._renderer.close()
 
 
 class BaseGameEnv:

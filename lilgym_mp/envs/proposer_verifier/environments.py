@@ -53,25 +53,30 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         if self.terminations[agent] or self.truncations[agent]:
             self._was_dead_step(action)
             return
-        self._cumulative_rewards[agent] = 0.0
+        turn: TurnResult | None = None
         if agent == AGENTS[Role.VERIFIER]:
-            self._update(self.engine.step(self._pending, action))
+            turn = self.engine.step(self._pending, action)
             self._pending = None
         elif action is not None and not self.engine.game.turn_based:
             self._pending = self.engine.game.checked_action(Role.PROPOSER, action)
+        else:
+            turn = self.engine.step(action, None)
+        self._cumulative_rewards[agent] = 0.0
+        self.infos[agent] = {}
+        if turn is None:
             self._clear_rewards()
             self.agent_selection = AGENTS[Role.VERIFIER]
         else:
-            self._update(self.engine.step(action, None))
+            self._update(turn)
 
     def _update(self, turn: TurnResult) -> None:
-        """Sets rewards, flags, infos and the next agent after a turn."""
+        """Sets rewards, flags, infos and the next agent after a turn. Infos accumulate until an agent acts."""
         rewards, terminated, truncated, infos = turn
         self.rewards = dict(zip(AGENTS, rewards, strict=True))
         self._accumulate_rewards()
         self.terminations = dict.fromkeys(AGENTS, terminated)
         self.truncations = dict.fromkeys(AGENTS, truncated)
-        self.infos = self._with_masks(infos)
+        self.infos = {agent: self.infos[agent] | new for agent, new in self._with_masks(infos).items()}
         movers = self.engine.movers
         self.agent_selection = AGENTS[movers[0] if movers else Role.PROPOSER]
 

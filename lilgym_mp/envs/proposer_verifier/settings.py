@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import partial
-from typing import Any, Self, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
@@ -59,8 +59,6 @@ def _make_view(view: ViewSpec) -> View:
     return choose("view", view, VIEWS)
 
 
-# Former settings with their defaults
-GONE = (("ending", None), ("verdict_bins", None), ("false_accept_cost", 1.0), ("false_reject_cost", 1.0))
 REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
 
 
@@ -98,11 +96,6 @@ class GameSettings(EnvConfig):
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
         return {**super().to_json(), "homogeneous": self.homogeneous}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """As `EnvConfig.from_json`; also reads files with settings that are gone, if these had their defaults."""
-        return super().from_json({name: value for name, value in data.items() if (name, value) not in GONE})
 
     def check(self) -> None:
         """Raises ValueError naming the value and the choices for the settings that no other method checks."""

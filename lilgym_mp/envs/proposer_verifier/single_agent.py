@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.envs.checks import checked_seed
 from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
@@ -64,7 +65,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """`options` as for the game."""
-        super().reset(seed=seed)
+        super().reset(seed=checked_seed(seed))
         for skipped in range(MAX_RESETS):
             infos = self.engine.reset(seed if skipped == 0 else None, options)
             self._observations = {}

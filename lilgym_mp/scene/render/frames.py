@@ -15,7 +15,6 @@ from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import COLOUR_RGB
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
-RGB = tuple[int, int, int]
 
 SCALE = 2  # width of a native pixel
 MARGIN = 12  # pixels around the scene, for row and column numbers
@@ -96,7 +95,7 @@ def _draw_item(pen: ImageDraw.ImageDraw, item: Item, x: int, scale: int) -> None
     """Draws the item at native pixel (x, item.y), with an edge that separates it from adjacent items of its colour."""
     corners = _square(x, item.y, item.side, scale)
     fill, width = COLOUR_RGB[item.colour], SUPERSAMPLING
-    edge = _edge(fill)
+    edge = (fill[0] * 2 // 3, fill[1] * 2 // 3, fill[2] * 2 // 3) if any(fill) else (110, 110, 110)  # black: grey
     match item.shape:
         case Shape.CIRCLE:
             pen.ellipse(corners, fill, edge, width)
@@ -105,11 +104,6 @@ def _draw_item(pen: ImageDraw.ImageDraw, item: Item, x: int, scale: int) -> None
         case Shape.TRIANGLE:
             left, top, right, bottom = corners
             pen.polygon([((left + right) // 2, top), (right, bottom), (left, bottom)], fill, edge, width)
-
-
-def _edge(rgb: RGB) -> RGB:
-    """A darker shade; grey for black."""
-    return (rgb[0] * 2 // 3, rgb[1] * 2 // 3, rgb[2] * 2 // 3) if any(rgb) else (110, 110, 110)
 
 
 def _square(x: int, y: int, side: int, scale: int) -> tuple[int, int, int, int]:

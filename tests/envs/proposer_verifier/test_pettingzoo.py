@@ -155,6 +155,30 @@ def test_parallel__allows_only_wait_out_of_turn_and_reports_illegal_choices():
     assert np.flatnonzero(observations[PROPOSER]["action_mask"]).tolist() == [WAIT]
 
 
+def test_aec__keeps_an_agents_infos_until_it_acts():
+    game = env(protocol="veto", reveal_truth=True)
+    game.reset(seed=0)
+    accept, reject = (game.unwrapped.read_action(VERIFIER, name) for name in ("accept", "reject"))
+    for choice, expected in ((2, {"illegal_choice", "judgement"}), (reject, {"judgement"})):
+        game.step(0)
+        game.step(choice)
+        game.step(ADD_BLUE)
+        assert game.last()[4].keys() & {"illegal_choice", "judgement"} == expected
+        game.step(accept)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_seed__may_be_numpys_and_is_checked_first(form: str):
+    game, same = FORMS[form](), FORMS[form]()
+    game.reset(seed=np.int64(3))
+    same.reset(seed=3)
+    task = game.unwrapped.task
+    assert same.unwrapped.task == task
+    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not -3"):
+        game.reset(seed=-3, options={"task": OTHER})
+    assert game.unwrapped.task == task
+
+
 def test_joint_aec__hides_the_proposers_action_from_the_verifier():
     game = raw_env(protocol="joint", views={"history": 2})
     game.reset(seed=0)

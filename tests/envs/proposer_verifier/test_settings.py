@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.envs.proposer_verifier import PROTOCOLS, BatchedGames, GameSettings, env, parallel_env, raw_env
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, BatchedGames, env, parallel_env, raw_env
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"protocol": "vote"}, f"unknown protocol 'vote'; choose from {', '.join(sorted(PROTOCOLS))}"),
@@ -81,11 +81,3 @@ def test_render_mode__is_refused_with_the_choices():
 def test_number_of_games__must_be_positive(count: Any):
     with pytest.raises(ValueError, match="num_games must be a positive whole number, not"):
         BatchedGames(count)
-
-
-def test_from_json__reads_former_settings_with_their_defaults():
-    settings = GameSettings(protocol="audit")
-    former = {"ending": None, "verdict_bins": None, "false_accept_cost": 1.0, "false_reject_cost": 1.0}
-    assert GameSettings.from_json({**settings.to_json(), **former}) == settings
-    with pytest.raises(TypeError, match="ending"):
-        GameSettings.from_json({**settings.to_json(), "ending": "either"})
