@@ -32,8 +32,9 @@ Player = tuple[str, Partner]  # one side of the game, and its name: a run's path
 
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
-    if args.policy or args.record is not None:
-        raise CommandError("--policy and --record are for the single-agent environment; --out FILE writes games")
+    given = [name for name in ("policy", "record", "name", "actions") if getattr(args, name)]
+    if unused := [*given, *["passes"] * (args.passes > 1)]:
+        raise CommandError(f"--{unused[0]} is for the single-agent environment; --out FILE writes games")
     games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
     results: list[dict[str, Any]] = []
     tables: list[str] = []

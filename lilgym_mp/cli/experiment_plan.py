@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,14 +69,14 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     _check_keys(values, KEYS)
     configurations = _distinct(values, "configurations", list(CONFIGURATIONS))
     given = {key: values[key] for key in EnvConfig.settings() if key in values}
-    for name in configurations:
-        EnvConfig(name, **given).make(split or "dev")
+    splits = [split] if split else _distinct(values, "splits", ["dev"])
+    for name, each in product(configurations, splits):
+        EnvConfig(name, **given).make(each)
     options = EnvConfig(configurations[0], **{**given, "corpus": "builtin"}).options()
     environment = ["--corpus", given.get("corpus", "builtin"), *options]
     if not isinstance(optimal := values.get("optimal", False), bool):
         raise CommandError(f"optimal: must be true or false, not {optimal!r}")
     evaluation = [*environment, *["--optimal"] * optimal]
-    splits = [split] if split else _distinct(values, "splits", ["dev"])
     experiment = _Experiment(splits, configurations, _distinct(values, "seeds", [0]), environment, evaluation)
     learners = values.get("learners", [])
     if not isinstance(learners, list) or not learners or not all(isinstance(learner, dict) for learner in learners):
@@ -144,6 +145,8 @@ def _learner_runs(values: Mapping[str, Any], experiment: _Experiment) -> Iterato
         evaluating = ["--name", name, "--actions", *modes, "--configuration", *played]
         evaluating += [*experiment.evaluation, *passes]
         if learner.plays_games:
+            if unused := {"actions", "passes"} & values.keys():
+                raise CommandError(f"{min(unused)}: games are evaluated once, by the most probable actions")
             evaluating = experiment.environment[:2]
         evaluations = tuple(_evaluations(evaluating, experiment.splits))
         for seed, command in zip(seeds, commands, strict=True):

@@ -19,7 +19,7 @@ from pathlib import Path
 from lilgym_mp.cli.experiment_plan import OUT, PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
 from lilgym_mp.evaluation.options import CommandError
-from lilgym_mp.learning.common.run_directory import AGENT_FILE, CHECKPOINT_FILE, PROGRESS_FILE
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE, RUN_FILE
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -89,11 +89,12 @@ class Attempt:
 
     def _train(self, words: Sequence[str]) -> None:
         self.status = RunStatus.TRAINING
-        checkpoint, agent = self.run / CHECKPOINT_FILE, self.run / AGENT_FILE
-        resumed = checkpoint.exists()
-        has_agent = resumed and agent.exists() and agent.stat().st_mtime >= checkpoint.stat().st_mtime
-        if has_agent and self.fraction_done == 1:
-            return  # training ended when this process was dead
+        resumed = (self.run / CHECKPOINT_FILE).exists()
+        with suppress(OSError, ValueError, KeyError, TypeError):  # training may have ended when this process was dead
+            options = json.loads((self.run / RUN_FILE).read_text(encoding="utf-8"))["options"]
+            key, amount = self.planned.budget or ("", None)
+            if options["finished"] and (self.fraction_done == 1 or options[key] == amount):
+                return
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]

@@ -161,7 +161,9 @@ def _play(
     kept = {episode.task: episode for episode in done}
     jobs = [(task, args.seed + index) for index, task in enumerate(task_ids) if task not in kept]
     most = getattr(player.agent, "concurrency", None)
-    concurrency = 1 if most is None else args.concurrency or most
+    if most is None and (args.concurrency or 1) > 1:
+        raise CommandError(f"--concurrency {args.concurrency}: the agent {args.agent} answers one prompt at a time")
+    concurrency = args.concurrency or most or 1
     failures: list[Failure] = []
     transcripts = args.out / TRANSCRIPTS
     _write_transcripts(transcripts, done)
@@ -183,8 +185,8 @@ def _play(
                 progression = f"progression {result.progression:.2f}"
                 print(f"{result.task}: {result.outcome}, {progression}, {', '.join(result.actions)}")
             bar.advance(note=f"{sum(episode.is_success for episode in kept.values()):,} solved")
-    episodes = [kept[task] for task in task_ids if task in kept]
-    _write_transcripts(transcripts, [*episodes, *failures])
+    episodes = [kept.pop(task) for task in task_ids if task in kept]
+    _write_transcripts(transcripts, [*episodes, *kept.values(), *failures])
     return episodes, failures
 
 
@@ -198,7 +200,8 @@ def _episodes_to_resume(out: Path, settings: dict[str, Any]) -> list[Episode]:
 
     try:
         before = json.loads((out / SUMMARY).read_text(encoding="utf-8"))["settings"]
-        records = [json.loads(line) for line in (out / TRANSCRIPTS).read_text(encoding="utf-8").splitlines() if line]
+        *lines, _ = (out / TRANSCRIPTS).read_text(encoding="utf-8").split("\n")  # the last may be cut
+        records = [json.loads(line) for line in lines if line]
         episodes = [Episode.from_json(record) for record in records if "error" not in record]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CommandError(f"{out}: no run to resume ({type(error).__name__}: {error})") from None

@@ -36,6 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_thoughts(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the summary and every score with its reason")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if args.out is not None:
-        fresh_file(args.out, force=True)
+        fresh_file(args.out, force=args.force)
     rows = _rows(args.prompts)
     scores: list[dict[str, Any]] = []
     for row, record in _replies(args.answers, args.prompts, rows):

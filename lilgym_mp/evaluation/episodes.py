@@ -87,4 +87,6 @@ def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[
             visited.append(visited[-1])
         else:
             visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
+    if len(actions) == dynamics.horizon and not dynamics.rules.applies_edit_at_horizon:
+        visited[-1] = visited[-2]
     return visited

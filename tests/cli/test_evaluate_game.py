@@ -118,6 +118,7 @@ def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: 
         (["nowhere"], "no trained agent at nowhere"),
         (["--protocol", "vote"], "invalid choice: 'vote' (choose from "),
         (["--protocol", "veto", "--configuration", "Towers"], "unknown configuration 'Towers'"),
+        (["--protocol", "veto", "--passes", "3"], "--passes is for the single-agent environment"),
         (["--cross-play", "--seed", "-1"], "seed"),
     ],
 )

@@ -126,11 +126,12 @@ def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
         (SMALL.replace("TowerScratch", "Tower"), "unknown configuration 'Tower'; choose from ScatterFlipIt"),
         ("seeds = [1, 1]\n" + SMALL, "seeds: must be a non-empty list of distinct values"),
         ("seeds = [-1]\n" + SMALL, "--seed must be at least 0, not -1"),
-        ('splits = ["final"]\n' + SMALL, r"--split: invalid choice: 'final' \(choose from train, dev, test\)"),
+        ('splits = ["final"]\n' + SMALL, "unknown split 'final'; choose from dev, test, train"),
         ('policies = ["best"]\n' + SMALL, "unknown policy 'best'; choose from expert"),
         ('corpus = "/nowhere/at/all.jsonl"\n' + SMALL, "no corpus '/nowhere"),
         (SMALL + "envs = true", r"learners\[0\]: lilgym-mp train ppo: argument --envs: expected one argument"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
+        (SMALL.replace("ppo", "game") + "passes = 2", r"learners\[0\]: passes: games are evaluated once"),
         (SMALL + "passes = 0", r"learners\[0\]: --passes must be at least 1, not 0"),
         (SMALL + '[[learners]]\nlearner = "ppo"', "learners: two have the same name"),
         (SMALL + 'corpus = "/nowhere.jsonl"', r"learners\[0\]: no corpus '/nowhere"),
@@ -155,8 +156,9 @@ def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path: Path, caps
     assert not (tmp_path / "out").exists()
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
     write_file(file, f'corpus = "{tmp_path / "own.jsonl"}"\n{SMALL}')
-    assert main([*command, "--split", "test"]) == USAGE_ERROR
-    assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
+    for split in (["--split", "test"], []):
+        assert main([*command, *split]) == USAGE_ERROR
+        assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
 
 
 def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -341,7 +343,7 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path: Path):
     plan = PlannedRun("a", ("train", "nothing"), (), ("steps", 100))
     (attempt,) = make_attempts([plan], tmp_path, 1)
     attempt.run.mkdir()
-    for name, content in (("progress.jsonl", '{"steps": 128}'), ("checkpoint.pt", ""), ("agent.safetensors", "")):
+    for name, content in (("run.json", '{"options": {"finished": true, "steps": 100}}'), ("checkpoint.pt", "")):
         (attempt.run / name).write_text(content)
     attempt.execute()
     assert attempt.status is RunStatus.FINISHED

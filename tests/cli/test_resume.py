@@ -12,7 +12,7 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import open_agent
-from lilgym_mp.learning.common.run_directory import begin_run
+from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.parsing import training as parsing
@@ -46,6 +46,17 @@ def test_ppo__goes_on_to_the_steps_it_was_begun_with(own: str, tmp_path: Path, c
     assert open_agent(tmp_path / "run").description.details["steps"] == 96
     assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == USAGE_ERROR
     assert "already has 96 steps; request more with --steps" in capsys.readouterr().err
+
+
+def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own: str, tmp_path: Path):
+    settings, recipe = Settings("TowerScratch", corpus=own), PPORecipe.of("TowerScratch", **PPO)
+    with pytest.raises(KeyboardInterrupt):
+        train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", on_progress=interrupt)
+    assert open_agent(tmp_path).description.details["interrupted"]
+    train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", resume=True)
+    assert not open_agent(tmp_path).description.details["interrupted"]
+    with pytest.raises(TrainingRunError, match="already has 32 steps"):
+        train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", resume=True)
 
 
 def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):

@@ -18,6 +18,7 @@ from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings, recording_metadata
 from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
@@ -65,6 +66,17 @@ def test_record__contains_the_episodes_and_their_tasks(tmp_path: Path):
         assert (kept.start, kept.target, kept.program) == (task.start, task.target, task.program)
         assert kept.statement_seen == (task.statement in seen)
         assert kept.form_seen == (statement_form(task.statement) in set(map(statement_form, seen)))
+
+
+@pytest.mark.parametrize("rules", ["paper", "release"])
+def test_scenes__end_in_the_state_that_the_episode_ended_in(rules: str):
+    settings = Settings("TowerScratch", rules=rules, horizon=2)
+    env = settings.make("dev")
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step(ADD_BLUE_LEFT)
+    *_, last = scenes(settings.dynamics(), env.task.start, [AddBlock(0, Colour.BLUE)] * 2)
+    assert last == env.scene
 
 
 def test_record__contains_actions_and_stop_probabilities(tmp_path: Path):

@@ -283,12 +283,15 @@ def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys
         assert summary["cost"] == pytest.approx(4 * (7 * 1 + 3 * 10) / 1e6)
         assert "failed       2 episodes, not in the rates" in capsys.readouterr().out
         down.clear()
+        transcripts = tmp_path / "transcripts.jsonl"
+        transcripts.write_text(transcripts.read_text() + '{"cut')
         assert play(f"{command} --resume") == 0
         assert len(asked) == 8
+        assert play(f"{command} --resume".replace("--episodes 6", "--episodes 2")) == 0
         assert play(f"{command} --scene image --resume") == 2
         assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert (summary["episodes"], summary["failed_episodes"]) == (6, 0)
+    assert (summary["episodes"], summary["failed_episodes"]) == (2, 0)
     tasks = [json.loads(line)["task"] for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
     assert tasks == sorted(set(tasks), key=Player(TOWER, Scripted()).task_ids().index)
     assert len(tasks) == 6
@@ -354,6 +357,7 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent openai --option model=m", "set OPENAI_API_KEY to the API key, or give the"),
         ("--agent expert --resume --out nowhere", "nowhere: no run to resume"),
         ("--agent collections:OrderedDict", "has no method answer"),
+        ("--agent expert --concurrency 2", "--concurrency 2: the agent expert answers one prompt at a time"),
         ("--agent expert --episodes 0", "--episodes must be at least 1, not 0"),
     ],
 )

@@ -239,6 +239,11 @@ def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(
     with pytest.raises(OutputError, match="holds something other than a report"):
         make_report([tmp_path / "kept"], tmp_path / "out")
     assert (tmp_path / "out" / "precious").read_text() == "x"
+    page = make_report([tmp_path / "kept"], tmp_path / "report")
+    page.with_name("notes.md").write_text("x")
+    with pytest.raises(OutputError, match=r"holds something other than a report, notes\.md"):
+        make_report([tmp_path / "kept"], tmp_path / "report")
+    assert page.with_name("notes.md").read_text() == "x"
 
 
 def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path: Path):
@@ -321,6 +326,23 @@ def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Pa
     written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
     found = load_report_data([tmp_path])
     assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
+    written(tmp_path / "d", recipe={"width": 128, "seed": 3}, training_seed=3, supervision="programs")
+    assert "mine (width 128, programs)" in {entry.agent for entry in load_report_data([tmp_path]).entries}
+
+
+def test_report__configurations_may_be_played_on_different_splits(tmp_path: Path):
+    written(tmp_path / "kept")
+    written(tmp_path / "kept", settings=replace(SCATTER, configuration="ScatterScratch"), split="test")
+    assert make_report([tmp_path / "kept"], tmp_path / "report").is_file()
+
+
+def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0.5, None, None), (0.6, None, None)])
+    file = tmp_path / "a" / "evaluations.jsonl"
+    file.write_text(file.read_text() + "\n" + file.read_text().replace("0.6", "0.7"))
+    ((first, second),) = (curve.evaluations for curve in load_report_data([tmp_path]).curves)
+    assert (first["steps"], first["accuracy"], second["steps"], second["accuracy"]) == (0, 0.5, 32, 0.7)
 
 
 def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

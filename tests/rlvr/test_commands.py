@@ -30,6 +30,7 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
     rows = [json.loads(line) for line in prompts.read_text().splitlines()]
     replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in rows[:3]))
     assert main(["llm", "score", str(prompts), "--answers", replies, "--out", str(tmp_path / "scores.json")]) == 0
+    assert main(["llm", "score", str(prompts), "--answers", replies, "--out", replies]) == 2
     shown = capsys.readouterr().out
     assert "success   75.0% (3 of 4; 95 % interval " in shown
     assert "outcomes  missing 1, success 3" in shown
@@ -49,7 +50,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
         ([*samples, *others], 0.125, {"pass@1": 0.125, "pass@2": 0.25, "pass@4": 0.5}, 8),
     ):
         answers = written(tmp_path / "replies.jsonl", *lines)
-        assert main(["llm", "score", prompts, "--answers", answers, "--out", str(scores)]) == 0
+        assert main(["llm", "score", prompts, "--answers", answers, "--out", str(scores), "--force"]) == 0
         summary = json.loads(scores.read_text())
         assert (summary["success"], summary["pass"], summary["replies"]) == (success, passed, replies)
     assert summary["reasons"] == {"no line is true or false": 7}

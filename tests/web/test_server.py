@@ -76,6 +76,11 @@ def test_size__a_body_that_is_large_or_without_a_length_is_refused(app: Any, has
     assert "at most 262,144 bytes" in response.json()["message"]
 
 
+def test_size__a_length_of_chunks_is_not_believed(app: Any):
+    headers = {"Transfer-Encoding": "chunked", "Content-Length": "10"}
+    assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == 413
+
+
 def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.2)
     with server(tmp_path) as app:
@@ -99,6 +104,7 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
         browser = Browser(app)
         for path in ("/", "/openapi.json", "/?token=", "/?token=guess", f"/?token={TOKEN}x"):
             assert browser.get(path).status_code == 401, path
+        assert browser.get("/", headers={"Host": "localhost/assets/?"}).status_code == 401
         assert browser.get("/assets/style.css").status_code == 200
         answer = browser.get(f"/explore?split=dev&token={TOKEN}", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (303, "/explore?split=dev")

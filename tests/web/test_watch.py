@@ -5,16 +5,20 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from lilgym_mp.contrib.web.runs import Runs
+from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
+from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from tests.corpora import write_thin_corpus
 from tests.web.web_app import Browser, server
 
@@ -71,6 +75,17 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, ru
     steps = browser.get(f"{API}/{first['id']}/episodes/0").json()["steps"]
     assert all(step["decision"]["steps_to_go"] for step in steps[:-1])
     assert sorted(runs.rglob("*")) == before
+
+
+def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):
+    pytest.importorskip("torch")
+    runs, file = Runs(tmp_path), tmp_path / "mine" / AGENT_FILE
+    file.parent.mkdir()
+    for kind in ("imitation", "reward-model"):
+        file.write_bytes((files("lilgym_mp.data") / f"agent-{kind}-tower.safetensors").read_bytes())
+        (name,) = (name for name in runs.agents() if name.startswith("run:"))
+        assert runs.agent(name).description.kind == kind
+    assert runs.partner(name, Role.VERIFIER, GameSettings("TowerScratch")) == runs.agent(name).answer
 
 
 @pytest.mark.parametrize(

@@ -209,7 +209,7 @@ def _label(header: Header, headers: Sequence[Header]) -> str:
     differences = [f"{key} {shown_setting(header.recipe.get(key))}" for key in keys]
     if len({other.actions for other in others}) > 1:
         differences.append(header.actions)
-    if len({other.supervision for other in others}) > 1 and not differences:
+    if len({other.supervision for other in others}) > 1:
         differences.append(header.supervision)
     return f"{header.agent} ({', '.join(differences)})" if differences else header.agent
 
@@ -235,11 +235,13 @@ def _curve(directory: Path) -> TrainingCurve:
 
 
 def _evaluations(file: Path) -> tuple[dict[str, Any], ...]:
-    """The evaluations in a JSON Lines file; none if there is no such file. Raises ValueError for an invalid number."""
+    """The evaluations in a JSON Lines file, one for each number of steps, since a resumed run repeats some; none if
+    there is no such file. Raises ValueError for an invalid number."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    records = tuple(dict(json.loads(line)) for line in lines)
+    records = [dict(json.loads(line)) for line in lines]
     for record, key in product(records, ("steps", *ACCURACIES)):
         value = record.get(key)
-        if (value is not None or key == "steps") and not (isinstance(value, int | float) and abs(value) < MAX_NUMBER):
+        is_needed = key in ("steps", "accuracy")
+        if (value is not None or is_needed) and not (isinstance(value, int | float) and abs(value) < MAX_NUMBER):
             raise ValueError(f"{key} must be a number, not {shown(value)}")
-    return records
+    return tuple({record["steps"]: record for record in records}.values())

@@ -197,7 +197,8 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
         " statement may have several."
     )
     for configuration in data.configurations:
-        entries = data.of(configuration)
+        if not (entries := data.of(configuration)):
+            continue
         rows: list[list[Cell]] = []
         for name in PHENOMENA:
 

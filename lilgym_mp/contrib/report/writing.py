@@ -67,8 +67,10 @@ def check_output(directory: Path) -> None:
         raise OutputError(f"cannot write a report to {directory}: it is a file; name a directory")
     page = directory / PAGE_FILE
     is_report = page.is_file() and GENERATOR in page.read_text(encoding="utf-8", errors="replace")[:1000]
-    if directory.is_dir() and any(directory.iterdir()) and not is_report:
-        raise OutputError(f"{directory} holds something other than a report; choose a new directory")
+    made = (PAGE_FILE, FIGURES, TABLES) if is_report else ()
+    others = [path.name for path in directory.iterdir() if path.name not in made] if directory.is_dir() else []
+    if others:
+        raise OutputError(f"{directory} holds something other than a report, {min(others)}; choose a new directory")
 
 
 def _template() -> Any:

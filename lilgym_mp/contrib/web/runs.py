@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from fastapi import HTTPException
 
 from lilgym_mp.contrib.web.responses import LOGGER, refusing
-from lilgym_mp.envs.proposer_verifier import Partner, Role
-from lilgym_mp.evaluation import Settings
+from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, Role
 from lilgym_mp.evaluation.episode_files import Header, Recording, read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.learning.common.learners import shipped_agents
@@ -80,17 +79,13 @@ class Runs:
         shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
         return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._find(AGENT_FILE).values()}
 
-    def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
+    def partner(self, name: str, role: Role, game: GameSettings) -> Partner:
         """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
-        from lilgym_mp.evaluation.game_partners import AgentPartner
-
         agent = self.agent(name)
-        own = agent.game
-        if own is None:
-            with refusing():
-                return AgentPartner(agent.policy(settings))
-        partner = agent.partner(role, own)
-        if (own.appearance, own.protocol) != (settings.appearance, protocol) or partner is None:
+        own = agent.game or game
+        with refusing():
+            partner = agent.partner(role, own)
+        if (own.appearance, own.protocol) != (game.appearance, game.protocol) or partner is None:
             plays = f"{own.appearance} under the protocol {own.protocol}"
             raise HTTPException(422, f"this agent plays {plays}; choose that, and a side that it has learned")
         return partner
@@ -100,14 +95,15 @@ class Runs:
         if name not in self.agents():
             raise HTTPException(404, "there is no such agent; reload the page to see the current ones")
         with refusing():
-            return self._agent(name)
+            file = self._find(AGENT_FILE).get(name.removeprefix(RUN_PREFIX))
+            return self._agent(name, file)
 
-    def _load(self, name: str) -> Agent:
+    def _load(self, name: str, file: FoundFile | None) -> Agent:
         from lilgym_mp.learning.common.agents import load_agent, open_agent
 
-        if name.startswith(SHIPPED_PREFIX):
+        if file is None:
             return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
-        return open_agent(self._find(AGENT_FILE)[name.removeprefix(RUN_PREFIX)].path.parent, "cpu")
+        return open_agent(file.path.parent, "cpu")
 
     def _find(self, pattern: str) -> dict[str, FoundFile]:
         """Files by id; requested recordings first, the latest at the top."""

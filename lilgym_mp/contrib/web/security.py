@@ -58,7 +58,7 @@ def _check_token(request: Request, expected: str) -> RedirectResponse | None:
     """
     token = request.query_params.get("token")
     given = request.cookies.get(TOKEN_COOKIE, "") if token is None else token
-    if request.url.path.startswith(PUBLIC_PATHS):
+    if request.scope["path"].startswith(PUBLIC_PATHS):  # `request.url` may be made of the Host header
         return None
     if not hmac.compare_digest(given.encode(), expected.encode()):
         wrong = "the link's token is wrong" if token is not None else "this server needs a token"
@@ -66,7 +66,7 @@ def _check_token(request: Request, expected: str) -> RedirectResponse | None:
     if token is None:
         return None
     query = urlencode([(name, value) for name, value in request.query_params.multi_items() if name != "token"])
-    path = "/" + request.url.path.lstrip("/")  # not "//host", which would lead elsewhere
+    path = "/" + request.scope["path"].lstrip("/")  # not "//host", which would lead elsewhere
     response = RedirectResponse(f"{path}?{query}" if query else path, 303)
     response.set_cookie(TOKEN_COOKIE, expected, max_age=400 * 24 * 3600, httponly=True)
     return response
@@ -82,8 +82,8 @@ def _check_origin(headers: Headers) -> None:
 
 def _check_length(headers: Headers) -> None:
     """Raises HTTPException for a body that is too long, or does not say how long it is."""
-    length = headers.get("content-length", "" if "transfer-encoding" in headers else "0")
-    if not length.isdecimal() or int(length[:20]) > MAX_BODY:
+    length = headers.get("content-length", "0")
+    if "transfer-encoding" in headers or not length.isdecimal() or int(length[:20]) > MAX_BODY:
         reason = f"the body of this request may have at most {MAX_BODY:,} bytes, by its Content-Length"
         raise HTTPException(413, reason, {"Connection": "close"})
 

@@ -105,9 +105,9 @@ class TrainingRun(ABC):
     def step(self) -> Any:
         """One step of the algorithm, with data collection when it is due. Raises TrainingRunError."""
 
-    @abstractmethod
     def progress_line(self, recent: Sequence[Any]) -> Any:
         """The line of progress.jsonl, a NamedTuple with a `note`, about the steps since the last one."""
+        return recent[-1]
 
     @abstractmethod
     def finish(self) -> Agent:
@@ -125,7 +125,7 @@ class TrainingRun(ABC):
     def train(self) -> Any:
         """Trains, saves the agent and returns it. Raises KeyboardInterrupt if it was interrupted."""
         self._check_unspent()
-        self.files.remember(**self._options)
+        self.files.remember(**self._options, finished=False)
         if introduction := self.introduction():
             self.say(introduction)
         self.learn()
@@ -133,6 +133,7 @@ class TrainingRun(ABC):
             raise KeyboardInterrupt
         agent = self.finish()
         save_model(self.files.agent_file, agent.description, agent.network.state_dict())
+        self.files.remember(finished=not self.stop.requested)
         spent = f"{self.spent():,} {self.budget.unit}, {self.minutes():g} CPU minutes"
         self.say(f"saved {self.files.agent_file} after {spent}")
         if self.stop.requested:
@@ -161,8 +162,8 @@ class TrainingRun(ABC):
         return self.progress() >= 1
 
     def _check_unspent(self) -> None:
-        """Raises TrainingRunError if a resumed run has spent the budget and saved its agent."""
-        if self.spent() and self.is_over() and self.files.agent_file.exists():
+        """Raises TrainingRunError if a resumed run has spent the budget and is finished."""
+        if self.is_over() and self.files.options.get("finished"):
             given = " or ".join(f"--{name}" for name, value in self.budget.options().items() if value is not None)
             raise TrainingRunError(
                 f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit};"

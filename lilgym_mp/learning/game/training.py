@@ -261,9 +261,6 @@ class Run(TrainingRun):
             claim_accuracy=accuracy,
         )
 
-    def progress_line(self, recent: Sequence[Progress]) -> Progress:
-        return recent[-1]
-
     # Files
 
     def state(self) -> dict[str, Any]:

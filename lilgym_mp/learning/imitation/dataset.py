@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lilgym_mp.corpus.matching import BOX_ORDERS
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.learning.common.augmentation import recolourable
@@ -18,10 +18,9 @@ from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import BOX_COUNT, Scene
+from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 
-BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))
 MAX_RANDOM_EDITS = 3
 
 

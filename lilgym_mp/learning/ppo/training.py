@@ -6,7 +6,6 @@ The algorithm itself is in `update`.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -223,9 +222,6 @@ class Run(TrainingRun):
             entropy=round(float(mean.entropy), 5),
             clipped=round(float(mean.clipped), 5),
         )
-
-    def progress_line(self, recent: Sequence[Progress]) -> Progress:
-        return recent[-1]
 
     def state(self) -> dict[str, Any]:
         return {

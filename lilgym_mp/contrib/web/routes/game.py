@@ -109,24 +109,24 @@ def begin(new: NewGame, services: Services) -> JSON:
     """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
     if PERSON not in (new.proposer, new.verifier):
         raise HTTPException(422, "at least one of the seats must be taken by a person")
-    partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
     with refusing():
         engine = GameEngine(_game(services.corpus, new.configuration, new.protocol, new.rewards))
+    proposer, verifier = (_partner(services, role, new, engine.game.settings) for role in Role)
     engine.reset(secrets.randbelow(2**31), None)
     opposite = [PARTNER_TITLES.get(name, name).partition(": ")[0] for name in (new.verifier, new.proposer)]
-    game = LiveGame(engine, partners, (opposite[0], opposite[1]))
+    game = LiveGame(engine, (proposer, verifier), (opposite[0], opposite[1]))
     game.advance()
-    keys = services.games.add(game, [role for role in Role if partners[role] is None])
+    keys = services.games.add(game, [role for role in Role if game.partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
 
 
-def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
+def _partner(services: AppServices, role: Role, new: NewGame, settings: GameSettings) -> Partner | None:
     """The partner in that seat; None for a person. Responds with 404 or 422 if it cannot take it."""
     name = new.proposer if role is Role.PROPOSER else new.verifier
     if name == PERSON:
         return None
     if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
-        return services.runs.partner(name, services.settings(new.configuration), role, new.protocol)
+        return services.runs.partner(name, role, settings)
     known = SCRIPTED_PARTNERS[role]
     if name not in known:
         raise HTTPException(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")

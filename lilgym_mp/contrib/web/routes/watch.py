@@ -77,7 +77,7 @@ def record(new: NewRecording, services: Services) -> JSON:
         chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
         plan = EvaluationPlan(settings, "dev", record_decisions=True, task_ids=chosen)
         details = {"label": services.runs.agents()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
-        named = NamedPolicy(agent.description.kind, agent.policy, agent.description.supervision, details=details)
+        named = NamedPolicy(new.agent, agent.policy, agent.description.supervision, details=details)
         seen = training_statements(settings)
         recorder = Recorder(settings, "dev", seen, judges_decisions=True)
         path = recorder.write(services.runs.requested, play(named, plan, seen))
@@ -158,8 +158,6 @@ def _steps(dynamics: Dynamics, episode: Episode) -> list[JSON]:
     for action in episode.actions:
         dynamics.appearance.encode(action)  # raises for an action of another appearance
     visited = scenes(dynamics, dynamics.appearance.check_scene(episode.start), episode.actions)
-    if episode.outcome == "horizon" and not dynamics.rules.applies_edit_at_horizon:
-        visited[-1] = visited[-2]
     decisions = episode.decisions or (None,) * len(episode.actions)
     steps = [
         {
