@@ -217,6 +217,7 @@ ANSWERS = {
         ("<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>", "success"),
         (r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}", "success"),
         (f"```\nexist(all_items) and\n{BLUE}\n```", "success"),
+        (f"```\n{BLUE}  # a blue item\n```", "success"),
         (f"Program: {BLUE}\nThat is all.", "success"),
         (f"**{BLUE}**</s>", "success"),
         (f"<answer>{BLUE}</answer> <answer>True</answer>", "not_understood"),

@@ -161,8 +161,8 @@ def read_program(reply: object, *, thoughts: Sequence[str] = THOUGHTS) -> str:
 
 def _program(text: str) -> str:
     """The program in a marked part, whose lines are joined, without comments, markup and label."""
-    lines = [line for line in html.unescape(text).splitlines() if not line.lstrip().startswith(("#", "```"))]
-    bare = " ".join(" ".join(lines).split()).strip("`*$ ")
+    code = re.sub(r"(?m)#.*|^[ \t]*```.*", "", html.unescape(text))
+    bare = " ".join(code.split()).strip("`*$ ")
     label = _PROGRAM_LABEL.match(bare)
     return (bare[label.end() :] if label else bare).strip("`*$ ").rstrip("`*$ .;")
 
