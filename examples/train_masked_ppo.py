@@ -33,4 +33,6 @@ model.learn(args.steps, settings.callback, log_interval=25, use_masking=False)
 envs.close()
 model.save(args.model)
 results = ["--out", args.json, "--force"] if args.json else []
-sys.exit(main(["evaluate", args.model, "--trust", "--alone", "--corpus", args.corpus, "--split", args.split, *results]))
+evaluation = ["--alone", "--corpus", args.corpus, "--split", args.split, *results]
+if status := main(["evaluate", args.model, "--trust", *evaluation]):
+    sys.exit(status)
