@@ -22,6 +22,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,7 +35,7 @@ from lilgym_mp.cli.experiment_runs import EPISODES, FINISHED, RUNS
 from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, mean_where, paired_difference
 from lilgym_mp.contrib.report.behaviour import ROLLOUT_STATISTICS, error_kind
 from lilgym_mp.contrib.report.items import MISSING
-from lilgym_mp.contrib.report.phenomena import phenomena, syntactic_phenomena
+from lilgym_mp.contrib.report.phenomena import shows_phenomenon
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.envs.proposer_verifier import Role
@@ -250,14 +251,11 @@ def differences() -> list[list[str]]:
 
 def by_phenomenon() -> list[list[str]]:
     """phenomena.csv with the numbers of start scenes, and accuracies of rows in outcomes.csv."""
-
-    def shows(case: Any) -> bool:
-        return row[0] in phenomena(case.program) or row[0] in syntactic_phenomena(case.statement)
-
     found = runs_by_row()
     agents = {agent_of(number, "greedy"): number for number, _ in reversed(found)}  # of two, the greedy row
     (*head,), *rows = read("phenomena")
     for row in rows:
+        shows = partial(shows_phenomenon, row[0])
         for column, title in enumerate(head):
             configuration, _, name = title.partition(": ")
             if name in agents:

@@ -225,7 +225,7 @@ def own_ids(tmp_path: Path) -> str:
         ({"wrapper_class": StopForcing}, "wrap=WRAPPER"),
         ({"vec_env_cls": DummyVecEnv}, 'backend="subproc"'),
         ({"monitor_dir": "logs"}, "monitor=False"),
-        ({"num_workers": 2}, 'make_vec_env.*backend="workers", num_workers=.*as it belongs to workers'),
+        ({"num_workers": 2}, 'WorkerVectorEnv.id, N, num_workers=.*, or backend="workers" for SB3'),
         ({"backend": "dummy", "evaluation": True}, "as it belongs to batches"),
         ({"nonsense": 1}, "choose from corpus, .* sampler, .*, render_mode, copy"),
     ],

@@ -70,8 +70,8 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     configurations = _distinct(values, "configurations", list(CONFIGURATIONS))
     given = {key: values[key] for key in EnvConfig.settings() if key in values}
     splits = [split] if split else _distinct(values, "splits", ["dev"])
-    for name, each in product(configurations, splits):
-        EnvConfig(name, **given).make(each)
+    for name, played in product(configurations, splits):
+        EnvConfig(name, **given).make(played)
     options = EnvConfig(configurations[0], **{**given, "corpus": "builtin"}).options()
     environment = ["--corpus", given.get("corpus", "builtin"), *options]
     if not isinstance(optimal := values.get("optimal", False), bool):

@@ -91,9 +91,8 @@ class Attempt:
         self.status = RunStatus.TRAINING
         resumed = (self.run / CHECKPOINT_FILE).exists()
         with suppress(OSError, ValueError, KeyError, TypeError):  # training may have ended when this process was dead
-            options = json.loads((self.run / RUN_FILE).read_text(encoding="utf-8"))["options"]
-            key, amount = self.planned.budget or ("", None)
-            if options["finished"] and (self.fraction_done == 1 or options[key] == amount):
+            run, (key, amount) = json.loads((self.run / RUN_FILE).read_text()), self.planned.budget or ("", 0)
+            if run["finished"] and (self.fraction_done == 1 or run["options"][key] == amount):
                 return
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)

@@ -170,7 +170,7 @@ def _play(
     write_json(args.out / SUMMARY, {"settings": settings})
     with (
         transcripts.open("a", encoding="utf-8") as file,
-        Progress(len(task_ids), "episodes", len(done), prints=False) as bar,
+        Progress(len(task_ids), "episodes", len(task_ids) - len(jobs), prints=False) as bar,
     ):
         for result in play_all(player, jobs, concurrency):
             file.write(json.dumps(asdict(result), ensure_ascii=False) + "\n")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
-from operator import attrgetter
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import gymnasium as gym
@@ -434,9 +432,17 @@ def batched(single: spaces.Space[Any], count: int) -> Any:
     return box
 
 
+class _OfWrapped:
+    """The wrapped environment's attribute; unlike a property, a wrapper may have its own."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, wrapper: Any, owner: object) -> Any:
+        return self if wrapper is None else getattr(wrapper.env, self.name)
+
+
 # Gymnasium's vector wrappers pass on no attributes, and there is no other way to `envs.action_masks()` under them.
 for name in ("action_masks", "goal_reached"):
     if not hasattr(VectorWrapper, name):
-        passed = cached_property(attrgetter(f"env.{name}"))  # unlike with `property`, a wrapper may set its own
-        passed.__set_name__(VectorWrapper, name)
-        setattr(VectorWrapper, name, passed)
+        setattr(VectorWrapper, name, _OfWrapped(name))

@@ -8,10 +8,7 @@ from typing import Any, NoReturn
 import gymnasium as gym
 
 _OF_BATCHES = "gymnasium.make_vec(id, num_envs=N, {}=...), as it belongs to batches"
-_OF_WORKERS = (
-    'lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {0}=...), or lilgym_mp.sb3.make_vec_env(id, N, backend="workers",'
-    " {0}=...), as it belongs to workers"
-)
+_OF_WORKERS = 'lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {}=...), or backend="workers" for SB3'
 INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of environments
     "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
     "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",

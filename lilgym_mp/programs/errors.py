@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 CONTEXT = 60  # characters of source shown on either side of an error
@@ -39,7 +40,7 @@ class ProgramError(ValueError):
         left = max(0, column - CONTEXT)
         right = min(len(line), column + CONTEXT)
         prefix, suffix = ("..." if left else ""), ("..." if right < len(line) else "")
-        window = _printable(line[left:right])
+        window = re.sub("[^ -~]", "?", line[left:right])  # so that the carets stay aligned
         indent = " " * (2 + len(prefix) + column - left)
         carets = "^" * max(1, min(len(self.piece), right - column))
         where = f"line {self.position.line}, column {self.position.column}"
@@ -55,11 +56,6 @@ class ProgramRuntimeError(RuntimeError):
 
 class StepLimitError(ProgramRuntimeError):
     """An evaluation needs more steps than its limit."""
-
-
-def _printable(text: str) -> str:
-    """The text with one printable ASCII character per column, so that the carets stay aligned."""
-    return "".join(character if " " <= character <= "~" else "?" for character in text)
 
 
 def _shown(piece: str) -> str:

@@ -69,13 +69,10 @@ def _one_colour_per_footprint(classes: Int64Array, count: int) -> list[tuple[Ite
     item_types: list[list[ItemType]] = [[] for _ in range(count)]
     chosen: list[int] = firsts.tolist()
     pairs = [(canonical_items()[first], int(classes[first])) for first in chosen]
-    for item, item_class in sorted(pairs, key=lambda pair: _by_size(pair[0])):
+    # Triangles first: they leave more space than other shapes of their size.
+    for item, item_class in sorted(pairs, key=lambda pair: (pair[0].size, -pair[0].shape)):
         item_types[item_class].append((item.shape, item.colour, item.size))
     return [tuple(found) for found in item_types]
-
-
-def _by_size(item: Item) -> tuple[int, int]:
-    return item.size, -item.shape  # triangles first: they leave more space than other shapes of their size
 
 
 @cache

@@ -54,17 +54,13 @@ class Refiner:
     def first(self) -> Refinement | NoRefinement:
         """The first edits found. Raises BudgetExhaustedError."""
         try:
-            found = next(self._all(), None)
+            found = next((each for path in self._orders() for each in self._refinements(self.box, path)), None)
         except _TriesExhaustedError:
             return NoRefinement.UNDECIDED
         if found is not None:
             return found
         is_proof = len(self.path) == 1 and self.editor.is_exhaustive
         return NoRefinement.INFEASIBLE if is_proof else NoRefinement.UNDECIDED
-
-    def _all(self) -> Iterator[Refinement]:
-        for path in self._orders():
-            yield from self._refinements(self.box, path)
 
     def _orders(self) -> Iterator[tuple[AbstractEdit, ...]]:
         """Orders of the edits to try. If any order will do: removals first, to make space, then additions by rising

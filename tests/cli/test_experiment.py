@@ -343,7 +343,7 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path: Path):
     plan = PlannedRun("a", ("train", "nothing"), (), ("steps", 100))
     (attempt,) = make_attempts([plan], tmp_path, 1)
     attempt.run.mkdir()
-    for name, content in (("run.json", '{"options": {"finished": true, "steps": 100}}'), ("checkpoint.pt", "")):
+    for name, content in (("run.json", '{"finished": true, "options": {"steps": 100}}'), ("checkpoint.pt", "")):
         (attempt.run / name).write_text(content)
     attempt.execute()
     assert attempt.status is RunStatus.FINISHED

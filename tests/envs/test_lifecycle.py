@@ -130,7 +130,11 @@ class StoresMasks(gym.vector.VectorWrapper):
 
 
 def test_masks__other_environments_have_none_but_their_wrappers_may() -> None:
-    assert StoresMasks(gym.make_vec("CartPole-v1", num_envs=2)).action_masks.all()
+    inner = StoresMasks(gym.make_vec("CartPole-v1", num_envs=2))
+    outer = vector_wrappers.NormalizeReward(inner)
+    assert outer.action_masks is inner.action_masks
+    inner.action_masks = np.zeros((2, 2))
+    assert outer.action_masks is inner.action_masks
     envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
     assert not hasattr(envs, "action_masks")
     with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from contextlib import closing, nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -104,7 +105,6 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
         browser = Browser(app)
         for path in ("/", "/openapi.json", "/?token=", "/?token=guess", f"/?token={TOKEN}x"):
             assert browser.get(path).status_code == 401, path
-        assert browser.get("/", headers={"Host": "localhost/assets/?"}).status_code == 401
         assert browser.get("/assets/style.css").status_code == 200
         answer = browser.get(f"/explore?split=dev&token={TOKEN}", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (303, "/explore?split=dev")
@@ -113,6 +113,13 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
         assert "SameSite=lax" in cookie
         assert browser.get("/").status_code == 200
         assert browser.post(CHECK, EMPTY).status_code == 200
+
+
+def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    url = SimpleNamespace(path="/assets/")  # as Starlette before 1.0 reads it from "Host: localhost/assets/?"
+    monkeypatch.setattr("starlette.requests.HTTPConnection.url", url)
+    with server(tmp_path, token=TOKEN, hosts=None) as app:
+        assert Browser(app).get("/api/watch/recordings").status_code == 401
 
 
 def test_token__the_redirection_stays_on_this_server(tmp_path: Path):

@@ -15,6 +15,7 @@ from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
@@ -75,6 +76,16 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, ru
     steps = browser.get(f"{API}/{first['id']}/episodes/0").json()["steps"]
     assert all(step["decision"]["steps_to_go"] for step in steps[:-1])
     assert sorted(runs.rglob("*")) == before
+
+
+def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path: Path):
+    pytest.importorskip("torch")
+    recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")
+    recorded.rename(recorded.with_name(f"imitation-TowerFlipIt-dev-0{SUFFIX}"))
+    with server(tmp_path, runs=tmp_path / "runs") as app:
+        browser, new = Browser(app), {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"}
+        assert browser.post(API, new).status_code == 201
+        assert len(browser.get(API).json()["recordings"]) == 2
 
 
 def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import combinations
+from typing import Any
 
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.programs.syntax import (
@@ -44,6 +45,11 @@ _SELECTIONS = (*_FILTERS, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVELS = ("is_top", "is_bottom", "is_second", "is_third")
 _MEMBERSHIP = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # relations that are not spatial
+
+
+def shows_phenomenon(name: str, task: Any) -> bool:
+    """Whether `program` or `statement` of a task or an episode shows the phenomenon, one of PHENOMENA."""
+    return name in phenomena(task.program) or name in syntactic_phenomena(task.statement)
 
 
 @lru_cache(maxsize=CACHE_SIZE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import combinations, product
 
 from lilgym_mp.contrib.report import paper
@@ -18,7 +19,7 @@ from lilgym_mp.contrib.report.aggregation import (
 )
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
 from lilgym_mp.contrib.report.items import PUBLISHED, Cell, Chart, Item, table
-from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
+from lilgym_mp.contrib.report.phenomena import PHENOMENA, shows_phenomenon
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS
@@ -201,10 +202,7 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
             continue
         rows: list[list[Cell]] = []
         for name in PHENOMENA:
-
-            def shows(episode: Episode, name: str = name) -> bool:
-                return name in phenomena(episode.program) or name in syntactic_phenomena(episode.statement)
-
+            shows = partial(shows_phenomenon, name)
             statements = {episode.statement for episode in entries[0].runs[0].episodes if shows(episode)}
             scenes = len(statements), entries[0].start_scenes(shows)
             rows.append([name, *scenes, *(accuracy_where(entry.runs, shows) for entry in entries)])

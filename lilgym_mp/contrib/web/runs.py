@@ -101,9 +101,8 @@ class Runs:
     def _load(self, name: str, file: FoundFile | None) -> Agent:
         from lilgym_mp.learning.common.agents import load_agent, open_agent
 
-        if file is None:
-            return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
-        return open_agent(file.path.parent, "cpu")
+        shipped = name.removeprefix(SHIPPED_PREFIX)
+        return load_agent(shipped, "cpu") if file is None else open_agent(file.path.parent, "cpu")
 
     def _find(self, pattern: str) -> dict[str, FoundFile]:
         """Files by id; requested recordings first, the latest at the top."""

@@ -125,7 +125,7 @@ class TrainingRun(ABC):
     def train(self) -> Any:
         """Trains, saves the agent and returns it. Raises KeyboardInterrupt if it was interrupted."""
         self._check_unspent()
-        self.files.remember(**self._options, finished=False)
+        self.files.remember(**self._options)
         if introduction := self.introduction():
             self.say(introduction)
         self.learn()
@@ -163,7 +163,7 @@ class TrainingRun(ABC):
 
     def _check_unspent(self) -> None:
         """Raises TrainingRunError if a resumed run has spent the budget and is finished."""
-        if self.is_over() and self.files.options.get("finished"):
+        if self.is_over() and self.files.finished:
             given = " or ".join(f"--{name}" for name, value in self.budget.options().items() if value is not None)
             raise TrainingRunError(
                 f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit};"

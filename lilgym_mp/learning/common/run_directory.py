@@ -1,7 +1,7 @@
 """A training run on disk, common to all learners. Imports no torch until tensors are read or written.
 
-run.json            the run's identity, which never changes, its options, such as its budget, and when, where and with
-                    which code it was begun
+run.json            the run's identity, which never changes, its options, such as its budget, whether it is finished,
+                    and when, where and with which code it was begun
 checkpoint.pt       training state, replaced atomically
 progress.jsonl      one line per progress report
 agent.safetensors   the trained agent, replaced atomically
@@ -47,6 +47,7 @@ class RunDirectory:
     identity: dict[str, Any]
     options: dict[str, Any]  # what a resumed run may change, such as its budget, as last requested
     made: dict[str, Any]  # date, command, commit, machine and versions when it was begun
+    finished: bool = False  # whether it spent its budget and saved its agent
 
     @property
     def agent_file(self) -> Path:
@@ -56,11 +57,12 @@ class RunDirectory:
     def has_checkpoint(self) -> bool:
         return (self.path / CHECKPOINT_FILE).exists()
 
-    def remember(self, **options: Any) -> None:
+    def remember(self, *, finished: bool = False, **options: Any) -> None:
         """Keeps these options for a run resumed without them; those that are None keep their former value."""
+        self.finished = finished
         self.options |= {name: value for name, value in options.items() if value is not None}
         content = {"format": FORMAT, "version": VERSION, "identity": self.identity, "options": self.options}
-        write_json(self.path / RUN_FILE, {**content, "made": self.made})
+        write_json(self.path / RUN_FILE, {**content, "finished": finished, "made": self.made})
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
@@ -136,7 +138,8 @@ def _read_run(path: Path) -> RunDirectory:
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         found = content["format"], content["version"]
-        run = RunDirectory(path, dict(content["identity"]), content.get("options", {}), content.get("made", {}))
+        options, made, finished = content.get("options", {}), content.get("made", {}), content.get("finished", False)
+        run = RunDirectory(path, dict(content["identity"]), options, made, finished)
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {path}: it has no {RUN_FILE}") from None
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
