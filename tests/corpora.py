@@ -95,7 +95,8 @@ def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> No
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     (records,) = read_released_file(directory / names[0], []).records.values()
     facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
-    monkeypatch.setattr("lilgym_mp.corpus.official.FILE_FACTS", facts)
+    for module in ("corpus.official", "cli.data_report"):  # the second would keep these facts if imported later
+        monkeypatch.setattr(f"lilgym_mp.{module}.FILE_FACTS", facts)
 
 
 THREE_STATEMENTS = {
