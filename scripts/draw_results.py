@@ -39,6 +39,7 @@ AGENTS = {  # rows of the charts of agents, by number
     "10": "expert",
 }
 CURVES = {  # rows of the chart of curves
+    "4": "PPO+SF",
     "11": "PPO+SF, this configuration alone",
     "13": "PPO",
     "15": "PPO+SF, no exchanged colours",

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp.scene import Box, Item, Scene, Shape
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import canvas, draw, image_shape
+from lilgym_mp.scene.render import draw, image_shape
 from lilgym_mp.scene.render.canvas import Canvas, box_blits
 from lilgym_mp.scene.render.characters import text
 from tests.scenes import (
@@ -157,7 +157,7 @@ def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
 @given(shown=scenes_in_a_row())
 def test_canvas__equals_draw_after_any_sequence_of_scenes(image_size: str, shown: list[Scene]):
     canvas = Canvas(image_size)
-    for one in shown * 3:  # later from cached pictures
+    for one in shown * 3:
         assert np.array_equal(canvas.show(one), draw(one, image_size))
 
 
@@ -184,14 +184,6 @@ def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.Monke
         with pytest.raises(KeyboardInterrupt):
             canvas.show(scene([circle(0, 0)], [square(9, 9), square(50, 9)]))  # after the circle was drawn
     assert np.array_equal(canvas.show(before), draw(before, "half"))
-
-
-def test_canvas__caches_pictures_within_its_budget(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(canvas, "_BUDGET", canvas._Budget(1))
-    shown_on, scenes = Canvas(), [scene([circle(number, number)]) for number in range(3)]
-    for shown in scenes * 3:
-        assert np.array_equal(shown_on.show(shown), draw(shown, "half"))
-    assert [sum(value is not None for value in shown.memo.values()) for shown in scenes] == [1, 0, 0]
 
 
 @IMAGE_SIZES

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Any
@@ -38,8 +37,6 @@ from lilgym_mp.scene.render.drawing import (
     stamp,
 )
 
-CACHE_BYTES = 48 << 20  # budget for cached scene pictures: 1,700 at half size
-
 # Plain tuples instead of named tuples: unpacking them takes a third of the time.
 
 # Pixels to copy into a box: first row, end row, first column, end column, (rows, columns, 3) pixels.
@@ -69,27 +66,6 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     return memo[key]
 
 
-def _as_one_value(pixels: UInt8Array) -> NDArray[np.void]:
-    """(1,) view of all bytes as one value: assigning it takes two thirds of the time of `pixels[:] = ...`."""
-    return pixels.reshape(-1).view(np.dtype((np.void, pixels.size)))
-
-
-@cache
-def _empty_bytes(shrink: int) -> np.void:
-    """The picture of three empty boxes, as a value for `_as_one_value`."""
-    return _as_one_value(empty_picture(shrink).copy())[0]
-
-
-@dataclass
-class _Budget:
-    """Bytes left for cached pictures of all scenes and image sizes."""
-
-    left: int
-
-
-_BUDGET = _Budget(CACHE_BYTES)
-
-
 class Canvas:
     """An image buffer that equals `draw` of the scene last shown, and redraws only what changed."""
 
@@ -100,9 +76,7 @@ class Canvas:
         self.pixels = np.empty(image_shape(image_size), np.uint8) if pixels is None else pixels
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
-        self._whole = _as_one_value(self.pixels)
         self._patches = _patches(self._shrink)
-        self._memo_key = f"picture {image_size}"
         # Keys in a box's memo for the blits that add and remove its last item, which Tower's shared boxes need often.
         self._added_key, self._removed_key = f"added {image_size}", f"removed {image_size}"
         self._shown: tuple[Box, Box, Box] | None = None  # None if the buffer must be redrawn completely
@@ -156,30 +130,18 @@ class Canvas:
         return blit
 
     def _begin(self, scene: Scene) -> None:
-        """Shows an unrelated scene; its picture is cached from the second time on."""
-        key, memo = self._memo_key, scene.memo
-        picture: np.void | None = memo.get(key)
-        if picture is not None:
-            self._whole[0] = picture
-            self._shown = scene.boxes
-        elif not self._draw_items(scene):
+        """Shows an unrelated scene."""
+        if not self._draw_items(scene):
             self.pixels[:] = draw(scene, self._image_size)
             inside = all(fits_box(item.footprint, item.x, item.y) for item in scene.items())
             self._shown = scene.boxes if inside else None
-        elif key not in memo:
-            memo[key] = None
-        elif _BUDGET.left > 0:
-            memo[key] = _as_one_value(self.pixels.copy())[0]
-            _BUDGET.left -= self.pixels.nbytes
-            for box in scene.boxes:
-                box.memo.pop(_BLITS_KEYS[self._shrink], None)  # replaced by the picture
 
     def _draw_items(self, scene: Scene) -> bool:
         """Draws the scene item by item; returns False and does nothing if a box needs drawing in order."""
         by_box = [box_blits(box, self._shrink) for box in scene.boxes]
         if None in by_box:
             return False
-        self._whole[0] = _empty_bytes(self._shrink)
+        self.pixels[:] = empty_picture(self._shrink)
         for pixels, blits in zip(self._boxes, by_box, strict=True):
             for top, bottom, left, right, patch in blits or ():
                 pixels[top:bottom, left:right] = patch
