@@ -101,7 +101,7 @@ def check_text(what: str, value: object) -> str:
     """`value` if it is a non-blank string of printable characters (safe for terminals). Raises ValueError otherwise."""
     if not isinstance(value, str) or not value.strip():
         raise ValueError(f"{what} must be a non-blank text, not {shown(value)}")
-    if not value.isprintable():
+    if not value.replace("\u200c", "").replace("\u200d", "").isprintable():  # joiners, which some scripts need
         raise ValueError(f"{what} has unprintable characters: {shown(value)}")
     return value
 

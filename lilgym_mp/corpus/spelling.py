@@ -83,7 +83,7 @@ def _typed_words(statement: str) -> list[str]:
     """The words of the statement, and signs, in lower case and without contractions; numbers without leading zeros."""
     text = statement.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     for short, long in CONTRACTIONS:
-        text = text.replace(short, long)
+        text = re.sub(rf"\b{short}\b", long, text)
     text = _POSSESSIVE.sub("", _IS.sub(r"\1 is", _NOT.sub(" not", text)))
     return [word.lstrip("0") or "0" if word.isdigit() else word for word in _WORD.findall(text)]
 

@@ -1,7 +1,8 @@
 """Compositional splits: dev and test statements that combine what train has in a way that train has not.
 
 The lists of a split are JSON, `{"corpus": ..., "by": ..., "statements": {"tower train": [ids], ...}}`, with the ids of
-Scratch tasks. A file of lists, or "builtin:form" for one that is shipped, can be named wherever a corpus can.
+Scratch tasks; the path of a corpus is relative to the file. A file of lists, or "builtin:form" for one that is shipped,
+can be named wherever a corpus can.
 """
 
 from __future__ import annotations
@@ -14,29 +15,39 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
 
 from lilgym_mp.corpus.faults import CorpusError, NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
-from lilgym_mp.corpus.locations import BUILTIN, is_split
+from lilgym_mp.corpus.locations import BUILTIN, OFFICIAL, is_generated, is_split
 from lilgym_mp.corpus.records import GZIP_MAGIC, SCRATCH, read_bytes
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import words
+from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.canonical import canonical_form
+from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.choices import choose, listed
 
 LENGTH_SHARE = 0.7  # of the train statements that are short enough to stay
 KNOWN_COUNT = 10  # train statements that have a word, for a pair with it to be new
+_PARTS = re.compile(r"\w+|[^\w\s]")
 _VALUES = re.compile(
     r"\b(?:(Color|Shape|Size|Side)\.\w+|(is_)(?:black|blue|yellow|circle|square|triangle|small|medium|big)|\d+)\b"
 )
 
 
-def program_form(program: str) -> str:
-    """The program with a placeholder for each colour, shape, size, side and number."""
-    return _VALUES.sub(lambda match: match[1] or match[2] or "N", program)
+@cache
+def program_form(program: str) -> tuple[str, ...]:
+    """What the program consists of, sorted, with a placeholder for each colour, shape, size, side and number.
+
+    Programs that differ in their order, in names or in other ways to write the same have the same form.
+    """
+    source = source_of(canonical_form(compile_program(program).tree))
+    return tuple(sorted(_PARTS.findall(_VALUES.sub(lambda match: match[1] or match[2] or "N", source))))
 
 
 def word_pairs(statement: str) -> set[tuple[str, str]]:
@@ -101,13 +112,18 @@ def load_listed(corpus: str, appearance: str, start: str, split: str) -> TaskSet
     contents = _contents(corpus)
     try:
         lists = json.loads(gzip.decompress(contents) if contents.startswith(GZIP_MAGIC) else contents)
-        base, by, statements = str(lists["corpus"]), str(lists["by"]), dict[str, list[str]](lists["statements"])
-    except (OSError, EOFError, zlib.error, ValueError, TypeError, KeyError) as error:
+        base, by = str(lists["corpus"]), str(lists["by"])
+        statements = {key: frozenset(map(str, ids)) for key, ids in lists["statements"].items()}
+    except (OSError, EOFError, zlib.error, ValueError, TypeError, KeyError, AttributeError) as error:
         raise CorpusError(f"{corpus}: not a file of lists as `lilgym-mp data split` writes: {error!r}") from None
     if is_split(base):
         raise CorpusError(f"{corpus}: lists of {base}, which is itself a split; split its corpus instead")
+    if base not in (BUILTIN, OFFICIAL) and not is_generated(base):
+        base = str(Path(corpus).parent / base)
     tasks, scratch = (load_tasks(base, appearance, kind, split) for kind in (start, SCRATCH))
-    ids = set(statements.get(_key(tasks), ()))
+    ids = statements.get(_key(tasks), frozenset())
+    if unknown := ids.difference(task.id for task in scratch):
+        raise CorpusError(f"{corpus}: has ids that are not in {base} ({_key(tasks)}): {listed(sorted(unknown)[:3])}")
     kept = {task.statement for task in scratch if task.id in ids}
     found = [task for task in tasks if task.statement in kept]
     origin = tasks.provenance

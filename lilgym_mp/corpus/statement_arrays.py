@@ -38,7 +38,7 @@ def training_tasks(tasks: TaskSet) -> TaskSet:
 
 def default_length(statements: Iterable[str]) -> int:
     """The padded length: the number of words of the longest statement, with some headroom."""
-    longest = max(len(words(statement)) for statement in statements)
+    longest = max([1, *(len(words(statement)) for statement in statements)])
     return LENGTH_MULTIPLE * math.ceil(longest * LENGTH_FACTOR / LENGTH_MULTIPLE)
 
 

@@ -108,4 +108,4 @@ def synthesize(
             rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")
             scenes = enumerate(start_scenes(task.program, appearance, rng, starts), start=1)
             found = ((f"{name}:{index}", start) for index, start in scenes)
-            yield entry_json(name, appearance, split, task.statement, task.program, found)
+            yield entry_json(name, appearance, split, task.statement, task.program, found, task.tags)

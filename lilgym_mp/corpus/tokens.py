@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -19,7 +20,9 @@ PAD, UNKNOWN = 0, 1
 FIRST_WORD = 2
 FORMAT = "lilgym_mp-vocabulary"
 VERSION = 1
-_WORD = re.compile(r"[^\W_]+(?:['\u2019][^\W_]+)*")
+# Letters, and what words of Hebrew, Arabic, Indic and Thai scripts have besides: marks and joiners.
+_LETTER = r"(?:[^\W_]|[\u0300-\u036f\u0591-\u05c7\u0610-\u061a\u064b-\u0670\u0900-\u0963\u0970-\u0e4e\u200c\u200d])"
+_WORD = re.compile(rf"[^\W_]{_LETTER}*(?:['\u2019]{_LETTER}+)*")
 NUMERALS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _PLACEHOLDERS: dict[str, str] = {
     **dict.fromkeys(("yellow", "black", "blue"), "COLOUR"),
@@ -36,7 +39,7 @@ class VocabularyError(ValueError):
 @lru_cache(2**12)  # every new environment asks for those of its corpus
 def words(statement: str) -> tuple[str, ...]:
     """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
-    return tuple(_WORD.findall(statement.lower()))
+    return tuple(_WORD.findall(unicodedata.normalize("NFC", statement).lower()))
 
 
 def normalised(statement: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ def entry_json(
     statement: str,
     program: str,
     starts: Iterable[tuple[str, LabelledScene]],
+    tags: Sequence[str] = (),
 ) -> dict[str, Any]:
     """A corpus file entry; `starts` are pairs of id and labelled scene."""
     return {
@@ -36,6 +37,7 @@ def entry_json(
         "split": split,
         "statement": statement,
         "program": program,
+        **({"tags": list(tags)} if tags else {}),
         "starts": [{"id": name, "label": start.label, "scene": start.scene.to_json()} for name, start in starts],
     }
 
@@ -43,12 +45,12 @@ def entry_json(
 def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
     """One entry per statement and program of the FlipIt tasks, with their start scenes under the task ids."""
     appearance, split = tasks.provenance.appearance, tasks.provenance.split
-    starts: dict[tuple[str, str], list[tuple[str, LabelledScene]]] = {}
+    starts: dict[tuple[str, str, tuple[str, ...]], list[tuple[str, LabelledScene]]] = {}
     for task in tasks:
         start = LabelledScene(task.start, not task.target)
-        starts.setdefault((task.statement, task.program), []).append((task.id, start))
-    for index, ((statement, program), found) in enumerate(starts.items(), start=1):
-        yield entry_json(f"{appearance}/{split}/{index}", appearance, split, statement, program, found)
+        starts.setdefault((task.statement, task.program, task.tags), []).append((task.id, start))
+    for index, ((statement, program, tags), found) in enumerate(starts.items(), start=1):
+        yield entry_json(f"{appearance}/{split}/{index}", appearance, split, statement, program, found, tags)
 
 
 def write_corpus(

@@ -77,7 +77,7 @@ def may_fail(node: syntax.Node, scope: Scope) -> bool:
         case syntax.Lambda():
             return False  # until it is called
         case syntax.Subscript(of=syntax.SceneName(name="all_boxes"), index=syntax.Constant(value=int() as index)):
-            return index >= BOX_COUNT
+            return type(index) is bool or index >= BOX_COUNT
         case syntax.Subscript() | syntax.Slice():
             return True
         case _ if any(may_fail(child, scope) for child in syntax.children(node)):
@@ -145,7 +145,7 @@ def _declared(result: str) -> Type:
 
 def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: Scope) -> bool:
     required = [parameter for parameter in word.parameters if not parameter.optional]
-    if word.name in _FALLIBLE_WORDS or None in arguments[: len(required)]:
+    if word.is_extension or word.name in _FALLIBLE_WORDS or None in arguments[: len(required)]:
         return True
     types = [_argument_type(argument, scope) for argument in arguments]
     for parameter, argument, given in zip(word.parameters, arguments, types, strict=True):

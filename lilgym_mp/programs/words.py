@@ -244,6 +244,11 @@ class Word:
         return self.depends_on in ("attributes", "position", "item")
 
     @property
+    def is_extension(self) -> bool:
+        """Whether it is not a word of this package, so that only what it declares is known about it."""
+        return not self.function.__module__.startswith("lilgym_mp.")
+
+    @property
     def signature(self) -> str:
         shown = list(map(str, self.parameters))
         first_keyword_only = [index for index, parameter in enumerate(self.parameters) if parameter.keyword_only][:1]

@@ -12,6 +12,7 @@ from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.static_types import may_fail
 from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 from lilgym_mp.solver.abstraction import Abstraction
@@ -88,6 +89,11 @@ class ClassSpace:
         return BoxClasses(self._programs)
 
     @cached_property
+    def _is_symmetric(self) -> bool:
+        """Whether the order of the boxes does not matter; it can where `Any` and `All` stop before a box that fails."""
+        return self.classes.separable and not any(may_fail(program.tree, {}) for program, _ in self._compiled)
+
+    @cached_property
     def abstraction(self) -> Abstraction:
         """The abstraction of Scatter boxes under the features of all the programs."""
         return Abstraction(program_features(*(program.tree for program, _ in self._compiled)))
@@ -102,7 +108,7 @@ class ClassSpace:
     def _evaluate(self, triple: ClassTriple) -> int:
         """The programs' values for boxes of these classes as a bit mask; bit i is the value of program i."""
         first, second, third = triple
-        if self.classes.separable and not first <= second <= third:  # then the order of the boxes does not matter
+        if self._is_symmetric and not first <= second <= third:
             first, second, third = sorted(triple)
             return self.truths((first, second, third))
         boxes = self.classes.representatives

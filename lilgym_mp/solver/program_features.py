@@ -109,7 +109,7 @@ def _word_features(word: Word, node: syntax.Call | syntax.WordName) -> Iterator[
             yield _BoxFeature.ORDER
     elif isinstance(node, syntax.Call) and _is_item_test(word) and _has_constant_sides(node):
         yield _predicate_feature(syntax.Call(word, (syntax.Variable("x"), *node.arguments[1:])))
-    elif word.group != "attributes" and word.group not in NEUTRAL_GROUPS:
+    elif word.is_extension or (word.group != "attributes" and word.group not in NEUTRAL_GROUPS):
         yield word
     if word.name == "min":
         yield _BoxFeature.ORDER
@@ -154,8 +154,12 @@ def _has_constant_sides(call: syntax.Call) -> bool:
 
 
 def _is_item_test(word: Word) -> bool:
-    """Whether the word is a predicate on one item that depends on nothing else but sides given as arguments."""
-    return word.is_item_test and word.depends_on_item_only
+    """Whether the word is a predicate on one item that depends on nothing else but sides given as arguments.
+
+    Canonical items have all distances from walls that this package's words distinguish, not those of extensions.
+    """
+    known = not word.is_extension or word.depends_on == "attributes"
+    return word.is_item_test and word.depends_on_item_only and known
 
 
 def _renamed(node: syntax.Node) -> syntax.Node:

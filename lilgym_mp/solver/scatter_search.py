@@ -135,10 +135,11 @@ class _TaskSearch:
             if not isinstance(found, NoRefinement):
                 return found
             count = len(list(goals))
-            if found is NoRefinement.INFEASIBLE and count < MAX_GOALS and self.least_edits == edits:
-                self.least_edits = edits + 1
             if count and nearest is None:
                 nearest = edits
+            is_proof = nearest is None or edits < nearest + 2  # two edits more can reach a nearer abstract goal, too
+            if found is NoRefinement.INFEASIBLE and count < MAX_GOALS and self.least_edits == edits and is_proof:
+                self.least_edits = edits + 1
             if nearest is not None and edits - nearest == MAX_EXTRA_EDITS:
                 break
         return None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.corpus import load_tasks, write_corpus
+from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import register_as_official, small_entries, write_released
 
 Run = Callable[..., str]
@@ -114,6 +115,20 @@ def test_permute__writes_all_permutations_of_boxes(data: Run, own: Path, tmp_pat
     assert "3 statements, 4 start scenes permuted into 15" in output
     assert "no faults" in data("check", tmp_path / "new.jsonl")
     assert load_tasks(tmp_path / "new.jsonl", "scatter", "flipit", "dev").ids[0] == "round-yes"
+
+
+def test_split__names_its_corpus_by_a_path_relative_to_its_own(data: Run, own: Path, tmp_path: Path):
+    lists = tmp_path / "sub" / "own.split.json"
+    lists.parent.mkdir()
+    data("split", own, "--by", "form", "--out", lists)
+    assert "no faults" in data("check", lists)
+    written = json.loads(lists.read_text())
+    written["statements"]["tower train"] += ["of an earlier version"]
+    lists.write_text(json.dumps(written))
+    with pytest.raises(
+        CorpusError, match=r"has ids that are not in .*own\.jsonl \(tower train\): of an earlier version"
+    ):
+        load_tasks(lists, "tower", "scratch", "train")
 
 
 @pytest.mark.parametrize("command", ["synthesize", "permute"])

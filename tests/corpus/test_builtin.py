@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import TaskSet, check_corpus, load_tasks
+from lilgym_mp.corpus.splits import program_form
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scenes import items_apart
@@ -34,6 +35,14 @@ def starts(appearance: str, split: str) -> dict[str, list[Any]]:
     for task in load_tasks("builtin", appearance, "flipit", split):
         by_statement.setdefault(task.statement, []).append(task)
     return by_statement
+
+
+def test_forms__of_held_out_programs_are_not_in_train_however_they_are_written():
+    first = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
+    assert program_form(first) == program_form("exist(filter_obj(all_items, lambda y: (is_top(y) and is_black(y))))")
+    for appearance in APPEARANCES:
+        train, dev = (load_tasks("builtin:form", appearance, "scratch", split) for split in ("train", "dev"))
+        assert not {program_form(task.program) for task in train} & {program_form(task.program) for task in dev}
 
 
 @pytest.mark.long

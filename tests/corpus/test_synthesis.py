@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
+from lilgym_mp.corpus.writing import flipit_entries
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from tests.scenes import items_apart
@@ -66,6 +67,14 @@ def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tm
     tasks = load_tasks(path, "tower", "flipit", "train")
     assert tasks.ids == ("blue:1", "blue:2", "pair:1", "pair:2")
     assert [task.target for task in tasks] == [False, True, False, True]
+
+
+def test_synthesize__keeps_tags(entries: Entries, written: Writer, tmp_path: Path):
+    entries[0]["tags"] = ["negation"]
+    write_corpus(tmp_path / "new.jsonl", "new", "MIT", synthesize(written(entries), starts=2))
+    tasks = load_tasks(tmp_path / "new.jsonl", "tower", "flipit", "train")
+    assert [task.tags for task in tasks] == [("negation",)] * 2 + [()] * 2
+    assert [entry.get("tags") for entry in flipit_entries(tasks)] == [["negation"], None]
 
 
 def test_synthesize__scenes_depend_on_seed_and_statement_only(entries: Entries, written: Writer):

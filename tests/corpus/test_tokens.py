@@ -8,12 +8,22 @@ import numpy as np
 import pytest
 
 from lilgym_mp.corpus import Vocabulary, VocabularyError, words
+from lilgym_mp.corpus.records import check_text
+from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN
 
 
 def test_words__keep_only_apostrophes_inside_words():
     found = words("There isn't  a Blue-ish block, 2 'at' most!")
     assert found == ("there", "isn't", "a", "blue", "ish", "block", "2", "at", "most")
+
+
+def test_words__of_other_scripts_are_whole():
+    hindi, persian, composed, decomposed = "नीला घन", "می\u200cخواهم", "carr\u00e9", "carre\u0301"
+    assert words(hindi) == ("नीला", "घन")
+    assert words(check_text("statement", persian)) == (persian,)
+    assert words(composed) == words(decomposed)
+    assert default_length(["🟦"]) > 0
 
 
 def test_vocabulary__words_are_sorted_lower_case_and_distinct():

@@ -34,6 +34,16 @@ def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
     assert checked > 4
 
 
+@pytest.mark.parametrize("program", ["Any({})", "NOT(All({}))"])
+def test_sets__are_right_where_the_order_of_boxes_decides_whether_the_program_fails(program: str):
+    dynamics = mdp("tower")
+    state = dynamics.start(task(program.format("all_boxes, lambda b: is_blue(unique(b))")))
+    edits, firsts = optimal_by_trial(dynamics, state, 2)
+    found = Solver(dynamics).optimal_actions(state)
+    assert edits is not None
+    assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1)
+
+
 NO_WALL = "count(filter_obj(all_items, lambda x: is_black(x) and not is_touching_wall(x))) == 2"
 CROWDED_BOX = "exist(filter_obj(all_boxes, lambda b: count(filter_obj(b, is_blue)) >= 3))"
 CORNERS = "count(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x))) == 2"

@@ -76,6 +76,15 @@ def test_solution__is_proven_shortest_if_shorter_abstract_paths_are_infeasible()
     assert (solution.steps, solution.proven_optimal) == (3, True)
 
 
+def test_solution__may_remove_an_item_and_add_one_like_it_elsewhere():
+    """The small item is in the only free place: a ninth large one fits there, and the small one beside another."""
+    large = [square(x, y, LARGE, B) for x in (0, 30, 60) for y in (0, 30, 60) if (x, y) != (60, 60)]
+    counts = [f"count(filter_obj(all_boxes[0], {size})) == {count}" for size, count in (("is_big", 9), ("is_small", 1))]
+    program = " and ".join([*counts, "count(all_items) == 10"])
+    solution = Solver(mdp("scatter", horizon=4)).solve(task(program, scene([*large, square(70, 70, SMALL, B)])))
+    assert (solution.steps, solution.proven_optimal) == (4, True)
+
+
 def test_solution__of_a_relational_program_is_proven_for_up_to_two_edits():
     solution = Solver(mdp("scatter")).solve(task(BLACK_OVER_YELLOW))
     assert (solution.steps, solution.proven_optimal) == (3, True)

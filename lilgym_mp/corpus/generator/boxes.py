@@ -169,6 +169,8 @@ class Statements(ItemStatements):
         most = self.chance(0.8)
         words = self.say("most_in_box" if most else "fewest_in_box")
         count, other_count = (f"count({noun.in_box(box)})" for box in (BOX, "c"))
-        is_extreme = f"count(filter_obj(all_boxes, lambda c: {other_count} {'>=' if most else '<='} {count})) == 1"
+        boxes = TOWERS if self.is_tower(word) else "all_boxes"
+        is_extreme = f"count(filter_obj({boxes}, lambda c: {other_count} {'>=' if most else '<='} {count})) == 1"
         text = f"the {word} with {words} {self.noun(noun, True)} {self.box_verb_phrase([condition], plural=False)}"
-        return TrainingPair(text, SOME.test(boxes_where(f"{is_extreme} and {condition.test(BOX)}")))
+        test = f"{is_extreme} and {condition.test(BOX)}"
+        return TrainingPair(text, SOME.test(boxes_where(f"{BOX}.is_tower() and {test}" if boxes == TOWERS else test)))

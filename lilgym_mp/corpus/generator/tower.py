@@ -226,21 +226,6 @@ class TowerStatements(Statements):
         test = f"exist({such_that(first, more).in_box()})"
         return Condition(test, text, kind="stack", min_items=2)
 
-    def between_alike(self) -> Condition:
-        """ "a black item between two items of the same color" """
-        noun = self.coloured_block()
-        between = self.pick("between", "in between", "sandwiched between")
-        same = self.pick("the same", "the same", "same")
-        text = f"{self.indefinite(noun)} {between} {self.number(2)} {self.word('items')} of {same} color"
-        on_top = self.pick("", "", " and NOT(exist(get_above(y)))")
-        if on_top:
-            text += self.say("none_on_top")
-        neighbours = (
-            "exist(filter_obj(get_above(x), lambda y: exist(filter_obj(get_below(x), lambda z: z.color == y.color))"
-        )
-        test = f"exist({such_that(noun, f'{neighbours}{on_top})').in_box()})"
-        return Condition(test, text, kind="stack", min_items=3)
-
     # Statements
 
     def item_in_tower(self) -> TrainingPair:
@@ -342,15 +327,13 @@ class TowerStatements(Statements):
         if not same:
             subject, plural = self.say("not_all_towers"), True
         text = f"{subject} {self.verb('has', plural)} {self.pick('the same', 'the same', 'same')} {names[what]}"
-        if what != "height":
+        if what == "height":
+            test = f"all_same_attribute({TOWERS}, lambda b: count(b.all_items_in_box()))"
+            test = test if same else f"exist({TOWERS}) and NOT({test})"
+        else:
             ends = f"filter_obj(all_items, lambda x: is_{what}(x))"
-            return TrainingPair(text, f"all_same_color({ends})" if same else f"ge(count(get_set_colors({ends})), 2)")
-        three = same and "three" in subject
-        towers = "all_boxes" if three else TOWERS
-        test = f"all_same_attribute({towers}, lambda b: count(b.all_items_in_box()))"
-        if three:
-            return TrainingPair(text, f"All(all_boxes, lambda b: b.is_tower()) and {test}")
-        return TrainingPair(text, test if same else f"NOT({test})")
+            test = f"all_same_color({ends})" if same else f"ge(count(get_set_colors({ends})), 2)"
+        return TrainingPair(text, f"All(all_boxes, lambda b: b.is_tower()) and {test}" if "three" in subject else test)
 
     def touching_pair(self) -> TrainingPair:
         """ "two black blocks touching each other" """

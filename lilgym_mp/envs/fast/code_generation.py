@@ -182,7 +182,7 @@ class Generator:
                 return self.comparison(node, scope)
             case Arithmetic():
                 return self.arithmetic(node, scope)
-            case Subscript(of=of, index=Constant(value=int() as index)):
+            case Subscript(of=of, index=Constant(value=int() as index)) if type(index) is int:
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
                 if isinstance(collection, ir.StaticList) and collection.unconditional:

@@ -85,7 +85,7 @@ class _Printer:
                 raise AssertionError(code)
 
     def _call(self, call: ir.BoxCall, in_loop: bool) -> str:
-        name, function = call.name, call.function
+        name, function = f"word_{call.name}", call.function
         if call.kernel is not None:
             name = self._kernels.setdefault(call.kernel, f"kernel{len(self._kernels)}")
             self.names[f"{name}_object"] = call.kernel  # which keeps it alive, so that other programs share it
