@@ -98,12 +98,6 @@ def test_horizon__an_invalid_value_is_refused(horizon: Any):
         make_dynamics(make_appearance("tower"), "paper", horizon)
 
 
-@pytest.mark.parametrize("rules", ["Paper", "", None, ["paper"]])
-def test_rules__an_unknown_name_is_refused_with_the_choices(rules: Any):
-    with pytest.raises(ValueError, match=r"^unknown rules .*; choose from paper, release"):
-        make_dynamics(make_appearance("tower"), rules)
-
-
 @pytest.mark.parametrize(
     ("action", "reason"),
     [

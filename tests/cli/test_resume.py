@@ -13,17 +13,11 @@ from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
-from lilgym_mp.learning.imitation import training as imitation
-from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from lilgym_mp.learning.parsing import training as parsing
-from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.corpora import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
-IMITATION = {"width": 32, "text_layers": 1, "item_layers": 1, "statements": 4, "pretraining": 0.0, "held_out": 0.0}
-PARSER = {"updates": 12, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
 
 
 @pytest.fixture
@@ -64,32 +58,6 @@ def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=32, device="cpu")
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=64, device="cpu", resume=True)
     assert json.loads((tmp_path / "run.json").read_text())["options"]["steps"] == 64
-
-
-@pytest.mark.long
-def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    settings = Settings("TowerFlipIt", corpus=own, horizon=7)
-    recipe = ImitationRecipe.of("TowerFlipIt", **IMITATION)
-    monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.1)
-    with pytest.raises(KeyboardInterrupt):
-        imitation.train_imitation(
-            settings, recipe, tmp_path / "run", updates=60, seed=5, device="cpu", on_progress=interrupt
-        )
-    assert main(["train", "imitation", "--resume", "--out", str(tmp_path / "run")]) == 0
-    details = open_agent(tmp_path / "run").description.details
-    assert details["updates"] == 60
-    assert details["seed"] == 5
-
-
-def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    recipe = ParserRecipe(seed=2, **PARSER)
-    monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
-    with pytest.raises(KeyboardInterrupt):
-        parsing.train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
-    assert not (tmp_path / "run" / "agent.safetensors").exists()
-    assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
-    saved = open_agent(tmp_path / "run").description.recipe
-    assert (saved["corpus"], saved["updates"], saved["seed"]) == (own, 12, 2)
 
 
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])

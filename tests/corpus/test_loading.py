@@ -68,19 +68,6 @@ def test_load__a_changed_file_is_read_again(entries: Entries, written: Writer):
     assert before.ids == ("blue", "pair")
 
 
-@pytest.mark.parametrize(
-    ("appearance", "start", "split", "message"),
-    [
-        ("towers", "scratch", "train", "unknown appearance 'towers'; choose from scatter, tower"),
-        ("tower", "Scratch", "train", "unknown start 'Scratch'; choose from flipit, scratch"),
-        ("tower", "scratch", "valid", "unknown split 'valid'; choose from dev, test, train"),
-    ],
-)
-def test_load__unknown_names_are_errors_with_the_choices(appearance: str, start: str, split: str, message: str):
-    with pytest.raises(ValueError, match=message):
-        load_tasks("builtin", appearance, start, split)
-
-
 def test_provenance__has_the_file_and_its_sha256(entries: Entries, written: Writer):
     path = written(entries)
     provenance = load_tasks(path, "scatter", "flipit", "dev").provenance
