@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
-import pickle
 from typing import Any
 
 import pytest
@@ -168,14 +167,6 @@ def test_truth__is_false_if_the_program_raises():
     assert failing.truth(scene(tower(B))) is True
     assert failing.truth(Scene.empty()) is False
     assert failing.truth(scene(tower(B, B))) is False
-
-
-def test_task__is_an_immutable_value():
-    copied = pickle.loads(pickle.dumps(SOME_BLUE))
-    assert copied == SOME_BLUE
-    assert copied.truth(scene(tower(B)))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        SOME_BLUE.target = True  # type: ignore[misc]
 
 
 def test_task_json__gives_the_task_back():

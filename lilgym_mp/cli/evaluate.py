@@ -217,6 +217,7 @@ def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[N
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
     own = AS_TRAINED if agent.chooses_actions else GREEDY
+    recorded = {mode: own if mode == GREEDY else mode for mode in action_modes}
     common = {
         "kind": description.kind,
         "run": str(path),
@@ -228,11 +229,11 @@ def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[N
     name = description.kind if description.kind == str(path) else f"{description.kind} ({path})"
     return [
         NamedPolicy(
-            f"{name}, {mode}" if len(action_modes) > 1 else name,
+            f"{name}, {recorded[mode]}" if len(action_modes) > 1 else name,
             partial(agent.policy, sampled=mode == SAMPLED),
             description.supervision,
             description.configurations,
-            details={**common, "actions": own if mode == GREEDY else mode},
+            details={**common, "actions": recorded[mode]},
         )
         for mode in action_modes
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from itertools import product
 from typing import Any
 
@@ -13,7 +12,6 @@ from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import RemoveItem
 from lilgym_mp.scene.appearances import (
-    APPEARANCES,
     GridError,
     InvalidReason,
     Scatter,
@@ -71,10 +69,3 @@ def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
         make_appearance("scatter", grid)
     assert str(fault.value).startswith("grid must be 'native' or a pair (columns, rows) of positive whole numbers, not")
     assert repr(grid) in str(fault.value)
-
-
-@pytest.mark.parametrize("appearance", [*map(make_appearance, APPEARANCES), Scatter((38, 10))], ids=str)
-def test_appearance__is_a_value(appearance: Any):
-    copied = pickle.loads(pickle.dumps(appearance))
-    assert copied == appearance
-    assert hash(copied) == hash(appearance)

@@ -66,11 +66,6 @@ def test_evaluation_splits__are_refused_unless_allowed(make: Make, mode: str):
     StopForcing(make("TowerScratch", split="dev"), mode=mode, allow_evaluation=True)
 
 
-def test_unknown_mode__names_the_choices(make: Make):
-    with pytest.raises(ValueError, match="unknown mode 'force'; choose from mask, observe, replace"):
-        StopForcing(make("TowerScratch"), mode="force")
-
-
 def test_step_before_reset__is_refused(make: Make):
     with pytest.raises(gym.error.ResetNeeded):
         StopForcing(make("TowerScratch"), mode="replace").step(STOP)

@@ -244,7 +244,10 @@ class BaseGameEnv:
         for role, agent in zip(Role, AGENTS, strict=True):
             space, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
             self._parts_spaces[agent] = parts = cast("spaces.Dict", space[PARTS])
-            self.observation_spaces[agent] = _vector_space(parts) if self._is_vector else space
+            if self._is_vector:  # all parts, in alphabetical order
+                flat = cast("spaces.Box", flatten_space(parts))
+                space = spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
+            self.observation_spaces[agent] = space
         self.state_space = image_space(engine.game.settings.image_size)
 
     def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
@@ -312,13 +315,6 @@ class BaseGameEnv:
         if _normalised(name) not in known:
             raise ActionError(f"{name!r} is not an action of {agent}; actions look like {names[0]!r}, {names[-1]!r}")
         return known.index(_normalised(name))
-
-
-def _vector_space(parts: spaces.Dict) -> spaces.Box:
-    """All parts flattened to one float32 vector, in alphabetical order."""
-    flat = flatten_space(parts)
-    assert isinstance(flat, spaces.Box)
-    return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
 
 
 def _normalised(name: str) -> str:

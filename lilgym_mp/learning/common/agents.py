@@ -107,8 +107,10 @@ class Agent(ABC):
 
 
 def agent_file(path: Path) -> Path:
-    """The model file at `path`, which may be a run directory. Raises AgentError."""
+    """The model file at `path`, which may be a run directory, or that of a shipped agent. Raises AgentError."""
     if not path.exists():
+        if str(path) in shipped_agents():
+            return Path(str(files("lilgym_mp.data") / f"agent-{path}.safetensors"))
         shipped = ", ".join(shipped_agents())
         raise AgentError(
             f"no trained agent at {path}: there is no such file or directory; the agents that come with the package"
@@ -126,8 +128,6 @@ def open_agent(path: Path, device: str = "auto") -> Agent:
 
     Raises ValueError naming the file and what is wrong.
     """
-    if str(path) in shipped_agents() and not path.exists():
-        return load_agent(str(path), device)
     path = agent_file(path)
     kind = load_model(path)[0].kind
     if kind not in PACKAGES:

@@ -165,9 +165,9 @@ class TrainingRun(ABC):
         """Raises TrainingRunError if a resumed run has spent the budget and is finished."""
         if self.is_over() and self.files.finished:
             given = " or ".join(f"--{name}" for name, value in self.budget.options().items() if value is not None)
+            way = f"request more with {given}" if self.progress() >= 1 else "it is out of patience"
             raise TrainingRunError(
-                f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit};"
-                f" request more with {given}"
+                f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit}; {way}"
             )
 
     def optimise(self, step: Callable[[], Any] | None = None, until: float = 1.0) -> None:

@@ -82,7 +82,8 @@ class BoxImageTable:
         known, listed = self._index_of_items, hashes.tolist()
         for item_hash, row in zip(listed, firsts.tolist(), strict=True):
             if item_hash not in known:
-                image = draw(Scene.of(_items(rows[row]), (), ()), "half")
+                shown = [Item(x, y, Shape(s), Colour(c), Size(z)) for x, y, s, c, z in rows[row].tolist() if z >= 0]
+                image = draw(Scene.of(shown, (), ()), "half")
                 known[item_hash] = int(self.indices(image[None])[0, 0])
         return np.array([known[item_hash] for item_hash in listed], np.int64)[inverse].reshape(-1, BOX_COUNT)
 
@@ -119,13 +120,6 @@ class BoxImageTable:
         indices: dict[str, int] = {}
         statement_of = [indices.setdefault(statement, len(indices)) for statement in statements]
         return self.states(tuple(indices), np.array(statement_of, np.int64), boxes_of, targets.astype(np.int64))
-
-
-def _items(rows: Int16Array) -> list[Item]:
-    """The items of a box from its array (capacity, 5)."""
-    return [
-        Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in rows.tolist() if size >= 0
-    ]
 
 
 def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:

@@ -54,7 +54,7 @@ class ClaimMemory:
     def restore(self, data: dict[str, Any]) -> None:
         """Inverse of `to_json`. Raises KeyError, TypeError."""
         if data:
-            self.add(Claims(*(data[name].numpy() for name in Claims._fields)))
+            self.add(Claims(*(data[name].cpu().numpy() for name in Claims._fields)))
 
 
 def claim_loss(

@@ -131,6 +131,8 @@ class Run(TrainingRun):
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         for network in given.values():
             vocabulary, sizes = network.vocabulary, network.sizes
+            if recipe.width != sizes["width"]:
+                raise ValueError(f"the agents to start from have width {sizes['width']}, not {recipe.width}")
         names = dict.fromkeys(network_names(self.roles, recipe).values())
         networks = {name: GameNetwork(game, vocabulary, recipe, **sizes) for name in names}
         for name, network in networks.items():

@@ -63,10 +63,12 @@ class TextPretraining:
         return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        rng, token_id = self._rng, self._tokenizer.vocabulary.token_id
-        exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
+        rng, recipe, token_id = self._rng, self._recipe, self._tokenizer.vocabulary.token_id
+        order = rng.sample(COLOURS, len(COLOURS)) if recipe.recolour else COLOURS
+        exchange = dict(zip(COLOURS, order, strict=True))
         recoloured = exchanged(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
-        words = [UNKNOWN if rng.random() < PARSER.unknown else token_id(word) for word in recoloured]
+        dropped = PARSER.unknown if recipe.unknown_words else 0.0
+        words = [UNKNOWN if rng.random() < dropped else token_id(word) for word in recoloured]
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 

@@ -176,7 +176,8 @@ class Run(TrainingRun):
         recipe, network, counters = self._recipe, self._network, self.counters
         if counters.updates % recipe.collect_every == 0:
             self._collect_more(self.progress())
-        done = (self.progress() - counters.begun_at) / (1 - counters.begun_at)  # since pretraining
+        # Since pretraining, which was a larger part of the budget if a resumed run has more.
+        done = max(0.0, (self.progress() - counters.begun_at) / (1 - counters.begun_at))
         solvable = [entry for entry in self._entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
         batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
@@ -235,7 +236,7 @@ class Run(TrainingRun):
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining
-        if self._is_taught or self.progress() >= fraction:
+        if self._is_taught or self.counters.states or self.progress() >= fraction:
             return
         text = TextPretraining(
             self._network,
@@ -266,9 +267,15 @@ class Run(TrainingRun):
             **{name: round(fmean(losses[name] for losses in recent), 4) for name in recent[0]},
         )
 
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes anew."""
+        played = self._collector.played if isinstance(self._collector, TaughtCollector) else None
+        return {**super().state(), "played": played and [played.stops, played.steps]}
+
     def restore(self, state: dict[str, Any]) -> None:
-        """The dataset is not part of a checkpoint: a resumed run collects scenes anew."""
         super().restore(state)
+        if isinstance(self._collector, TaughtCollector) and state.get("played"):
+            self._collector.played.stops, self._collector.played.steps = state["played"]
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> ImitationAgent:

@@ -154,9 +154,9 @@ class Run(TrainingRun):
     def finish(self) -> ParseAndPlanAgent:
         """The agent, with its parser calibrated."""
         data, recipe, corpus = self._data, self._recipe, self._corpus
-        parser = Parser(self._network.eval(), data.vocabulary)
-        predictions = [_prediction(parser, example) for example in data.held_out]
-        parser.temperature = calibrated_temperature(predictions)
+        uncalibrated = Parser(self._network.eval(), data.vocabulary)
+        predictions = [_prediction(uncalibrated, example) for example in data.held_out]
+        parser = Parser(self._network, data.vocabulary, calibrated_temperature(predictions))
         calibration = fit_calibration(forecasts(parser, corpus, data.held_out))
         appearances = data.corpus.appearances
         configurations = tuple(name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in appearances)

@@ -100,6 +100,8 @@ class Run(TrainingRun):
         self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
+        if recipe.patience and not recipe.held_out:
+            raise ValueError("patience needs held-out statements to validate on: raise held_out, or set patience to 0")
         appearance = make_appearance(settings.appearance, settings.grid)
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)

@@ -84,7 +84,9 @@ class Run(TrainingRun):
         seed: int = 0,
         **session: Unpack[Session],
     ) -> None:
-        super().__init__(out, Budget("updates", updates, minutes), session)
+        if session.get("device") == "cuda":
+            raise ValueError("a reward model is small, and its search runs on the CPU: choose device auto or cpu")
+        super().__init__(out, Budget("updates", updates, minutes), {**session, "device": "cpu"})
         self.counters: RewardModelCounters = RewardModelCounters()
         self._settings, self._recipe, self._seed = settings, recipe, seed
         played = train_tasks(settings)
@@ -104,6 +106,7 @@ class Run(TrainingRun):
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable(settings.appearance)
         self._collector = Collector(settings.dynamics(), self._table, self._rng)
+        self._lost_stops = 0  # those before the run was resumed, whose scenes are not in the data
         vocabulary = vocabulary_of(entry.statement for entry in self._entries)
         self._reader = InputReader(vocabulary, self._table, self.device)
         # the search begins new tables as it goes
@@ -127,7 +130,7 @@ class Run(TrainingRun):
     def step(self) -> tuple[float, float]:
         """One optimiser step, after a collection if one is due. Returns the loss and the accuracy."""
         recipe, rng = self._recipe, self._rng
-        if self._collector.stops * recipe.reuse < self.counters.labels:
+        if (self._collector.stops - self._lost_stops) * recipe.reuse < self.counters.labels:
             self._collect_more()
         chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
         entries = [self._entries[index] for index in chosen.tolist()]
@@ -245,6 +248,7 @@ class Run(TrainingRun):
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         self._collector.stops, self._collector.steps = state["played"]
+        self._lost_stops = self._collector.stops
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> RewardModelAgent:

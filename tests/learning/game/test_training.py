@@ -235,9 +235,12 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
-    run = Run(JOINT, SMALL, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
+    wide = replace(SMALL, width=112)
+    run = Run(JOINT, wide, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
     own = run.networks["shared"].state_dict()
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.network.state_dict().items())
+    with pytest.raises(ValueError, match="the agents to start from have width 112, not 16"):
+        Run(JOINT, SMALL, tmp_path / "other", steps=64, start_from=Path("ppo-tower"), device="cpu")
 
 
 # Invalid input

@@ -10,6 +10,7 @@ import torch
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.learning.common.program_batches import Example, pairs_of
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
@@ -17,6 +18,20 @@ from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
 from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_geometry
 from lilgym_mp.scene.appearances import make_appearance
+
+
+def test_text_pretraining__exchanges_colours_and_drops_words_unless_the_recipe_says_not_to():
+    entries = entries_from_tasks(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
+    tokenizer = StatementTokenizer(vocabulary_of(entry.statement for entry in entries))
+    network = ImitationNetwork("tower", len(tokenizer.vocabulary), width=32, text_layers=1)
+    shown = Example("There is a blue block", "exist(filter_obj(all_items, is_blue))", "tower")
+    pair, found = next(pairs_of(iter([shown]), tokenizer.vocabulary.words)), []
+    for changes in ({}, {"recolour": False, "unknown_words": 0.0}):
+        recipe = ImitationRecipe(width=32, text_layers=1, **changes)
+        pretraining = TextPretraining(network, tokenizer, entries, "tower", set(), recipe, seed=0)
+        found.append(len({str(pretraining._indices(pair)) for _ in range(40)}))
+    assert found[0] > 2
+    assert found[1] == 1
 
 
 @pytest.mark.long

@@ -111,6 +111,20 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
+def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    recipe = small_recipe(settings, pretraining=0.5)
+    train_imitation(settings, recipe, tmp_path, updates=4)
+    rates: list[float] = []
+    monkeypatch.setattr(TextPretraining, "step", None)
+    monkeypatch.setattr(training, "optimise", lambda *given, **parts: rates.append(given[3]))
+    train_imitation(settings, recipe, tmp_path, updates=40, resume=True)
+    assert len(rates) == 36
+    assert min(rates) >= 0
+
+
 def test_policy__handles_unknown_empty_and_very_long_statements(statements: str, tmp_path: Path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)

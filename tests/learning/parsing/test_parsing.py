@@ -197,6 +197,16 @@ def test_training__is_reproducible_by_seed(own: str, tmp_path: Path):
     assert not equal(tmp_path / "one", tmp_path / "three")
 
 
+def test_calibration__is_of_the_probabilities_of_the_agent(thin: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    calibrated: list[Parser] = []
+    monkeypatch.setattr(training, "calibrated_temperature", lambda predictions: 0.25)
+    monkeypatch.setattr(training, "forecasts", lambda parser, *rest: calibrated.append(parser) or [(0.5, True)] * 9)
+    agent = train_parser(thin, SMALL, tmp_path, device="cpu")
+    for example in training.corpus_examples(thin)[:20]:
+        found = (one.parse(example.statement, "tower").candidates for one in (calibrated[0], agent.parser))
+        assert next(found) == next(found)
+
+
 def test_resume__continues_from_the_last_checkpoint(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe = dataclasses.replace(SMALL, updates=40)
     steps: list[int] = []

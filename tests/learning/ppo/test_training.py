@@ -114,13 +114,6 @@ def test_train__reports_and_records_each_rollout(tmp_path: Path):
         trained(tmp_path / "run", 96, resume=True)
 
 
-def test_train__is_reproducible_by_seed(tmp_path: Path):
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        trained(tmp_path / name, recipe=replace(SMALL, seed=seed))
-    assert equal(tmp_path / "a", tmp_path / "b")
-    assert not equal(tmp_path / "a", tmp_path / "c")
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -209,6 +202,11 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
 
 
 # Tasks
+
+
+def test_train__patience_needs_validation(tmp_path: Path):
+    with pytest.raises(ValueError, match="patience needs held-out statements"):
+        trained(tmp_path / "run", recipe=replace(SMALL, patience=2))
 
 
 def test_tasks__held_out_statements_are_in_no_training_task(own: str):

@@ -154,11 +154,15 @@ def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatc
         patched.setattr(training.Run, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train_reward_model(settings, recipe, out, updates=20)
+    before, collected = len(done), []
+    monkeypatch.setattr(training.Run, "_collect_more", lambda run: collected.append(run.counters.updates))
     agent = train_reward_model(settings, recipe, out, updates=20, resume=True)
     assert agent.description.details["labels"] == 20 * 3 * 32
-    assert agent.description.details["stops"] > 0
+    assert collected == [*range(before, 20)], "as the scenes collected before are lost"
     with pytest.raises(TrainingRunError, match="seed 0, but 1"):
         train_reward_model(settings, recipe, out, updates=20, seed=1, resume=True)
+    with pytest.raises(ValueError, match="its search runs on the CPU: choose device auto or cpu"):
+        train_reward_model(settings, recipe, tmp_path / "other", updates=20, device="cuda")
 
 
 def test_budget_spent_before_the_first_step__saves_no_agent(statements: str, tmp_path: Path):
