@@ -325,7 +325,15 @@ def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_
 def test_train__every_recipe_and_configuration_gives_an_agent(
     tmp_path: Path, own: str, recipe_name: str, configuration: str
 ):
-    short = {"rollout": 16, "batch_size": 16, "epochs": 1, "envs": 2, "same_statement": 1, "held_out": 0.0}
+    short = {
+        "rollout": 16,
+        "batch_size": 16,
+        "epochs": 1,
+        "envs": 2,
+        "same_statement": 1,
+        "held_out": 0.0,
+        "patience": 0,
+    }
     recipe = PPORecipe.of(configuration, recipe_name, stop_forcing=True, **short)
     settings = Settings(configuration, corpus=own, horizon=2)
     trained(tmp_path, 16, recipe, settings, recipe_name=recipe_name)
