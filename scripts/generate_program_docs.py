@@ -21,8 +21,10 @@ A program is the meaning of a statement: one expression in a small subset of Pyt
 
 ```python
 from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Scene
 
 program = compile_program("exist(filter_obj(all_items, is_blue))")
+scene = Scene.empty()
 program(scene)  # True or False
 program.evaluate(scene)  # the same, but raises ProgramRuntimeError where the program has no value
 program.errors  # Counter of the error messages; program(scene) is False on an error

@@ -219,7 +219,6 @@ def own_ids(tmp_path: Path) -> str:
     ("settings", "advice"),
     [
         ({"num_envs": 2}, "unknown keyword 'num_envs'; use .*n_envs"),
-        ({"backend": "dummy", "vectorization_mode": "sync"}, "use .*backend"),
         ({"max_episode_steps": 5}, "use horizon=N"),
         ({"env_kwargs": {"split": "dev"}}, "use its entries as keywords"),
         ({"wrapper_class": StopForcing}, "wrap=WRAPPER"),

@@ -45,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_error(f"{PROGRAM}: standard output is closed; send it to a file or to {os.devnull}", FAILED)
     if argv is None:  # this process is the command
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+        for stream in (sys.stdout, sys.stderr):
+            stream.reconfigure(errors="backslashreplace")  # pyright: ignore[reportAttributeAccessIssue]
     name = PROGRAM
     try:
         args = parse_args(sys.argv[1:] if argv is None else argv)

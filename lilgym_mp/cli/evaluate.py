@@ -176,7 +176,7 @@ def _score_parses(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.scoring import ParseScore, parse_scores
 
-    if args.policy or args.record is not None or args.configuration:
+    if not agents or args.policy or args.record is not None or args.configuration:
         raise CommandError("--parses needs agents, and neither --policy, --record nor --configuration")
     corpus = given_environment(args).get("corpus", "builtin")
     found: dict[str, list[ParseScore]] = {}

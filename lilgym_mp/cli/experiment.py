@@ -7,6 +7,7 @@ REPORT` makes tables and figures of the results. With --split, evaluates the tra
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         for planned in plan:
             for words in planned.commands:
-                print(f"{planned.name}: lilgym-mp {' '.join(words)}".replace(OUT, str(results)))
+                print(f"{planned.name}: lilgym-mp {shlex.join(words)}".replace(OUT, str(results)))
         return 0
     for planned in plan if args.split else ():
         if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():

@@ -11,6 +11,7 @@ import argparse
 import json
 import random
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ from lilgym_mp.evaluation.options import (
     CommandError,
     add_device,
     add_settings,
+    check_at_least,
     given_environment,
     task_sets_with_id,
 )
@@ -92,7 +94,8 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("--file needs --json, and --json --file; neither goes with a statement or --task")
     if args.statement is None and args.task is None and args.file is None:
         raise CommandError("name a statement, a task with --task, a program with --program, or --file FILE --json")
-    torch.set_num_threads(max(1, args.threads))
+    check_at_least(args, 1, "threads")
+    torch.set_num_threads(args.threads)
     agent = open_agent(args.agent, args.device)
     if not isinstance(agent, ParseAndPlanAgent):
         raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
@@ -174,13 +177,12 @@ def _labelled_scenes(source: str, args: argparse.Namespace) -> Iterator[tuple[Sc
     """Scenes with their titles. Says so if the program is true, or false, in all scenes that were tried."""
     from lilgym_mp.corpus.synthesis import start_scenes
 
-    try:
+    empty = None
+    with suppress(ProgramRuntimeError):
         empty = (Scene.empty(), compile_program(source).evaluate(Scene.empty()))
-    except ProgramRuntimeError as fault:
-        raise CommandError(f"the program has no value on the empty scene: {fault}") from None
     appearance, _ = read_configuration(args.configuration or DEFAULT_CONFIGURATION)
     found = start_scenes(source, appearance, random.Random(0), 2)
-    if empty[1] not in {label for _, label in found}:
+    if empty is not None and empty[1] not in {label for _, label in found}:
         found = (*found[1:], empty)
     for scene, label in found:
         yield scene, f"{str(label).lower()} in this scene"

@@ -77,8 +77,5 @@ class StatementArrays:
             return self._encoded[statement]
         count = len(words(statement))
         if count > self.length and not self._truncates:
-            raise ValueError(
-                f"the statement {statement!r} has {count} words, but length is {self.length}: set length={count} or"
-                " more, or truncate=True to truncate longer statements"
-            )
+            raise ValueError(f"the statement {statement!r} has {count} words, but length is {self.length}; raise it")
         return self.vocabulary.encode(statement, self.length)

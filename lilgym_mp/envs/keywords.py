@@ -28,12 +28,7 @@ INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of e
 SB3_INSTEAD = {  # of keywords that `lilgym_mp.sb3.make_vec_env` sets itself or has under another name
     "num_envs": "n_envs=N",
     "env_id": "id",
-    "wrapper_kwargs": "wrap=functools.partial(WRAPPER, ...)",
-    "monitor_kwargs": "monitor=False and VecMonitor(env, ...)",
-    "start_index": "seed=SEED + START_INDEX",
     "autoreset_mode": "no other than the mode that Stable-Baselines3 needs",
-    **dict.fromkeys(("vectorization_mode", "vector_kwargs", "vec_env_kwargs"), "backend=... and its keywords"),
-    "max_episode_steps": INSTEAD["max_episode_steps"],
 }
 
 

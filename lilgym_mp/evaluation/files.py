@@ -49,8 +49,8 @@ def fresh_file(path: Path, *, force: bool) -> Path:
     """
     if path.is_file() and not force:
         raise OutputError(f"{path} exists; --force overwrites it")
-    if path.is_dir():
-        raise OutputError(f"cannot write results to {path}: it is a directory; name a file")
+    if path.is_symlink() or (path.exists() and not path.is_file()):  # a device, a pipe, a directory: not to be replaced
+        raise OutputError(f"cannot write results to {path}: it is not a regular file; name a file")
     writable_directory(path.parent)
     return path
 

@@ -33,6 +33,7 @@ CASES = {
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),
+    "width": (["train", "imitation", "TowerFlipIt", "--width", "12"], "width must be a multiple of 8, not 12"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
 }
 
@@ -125,7 +126,7 @@ def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.Captur
     assert "satisfied by none of 0" in shown
 
 
-@pytest.mark.parametrize("source", ["exist(filter_obj(all_items, lambda x: is_blue(x)))", "exist(all_items)"])
+@pytest.mark.parametrize("source", ["exist(filter_obj(all_items, is_blue))", "is_blue(unique(all_items))"])
 def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(
     source: str, capsys: pytest.CaptureFixture[str]
 ):

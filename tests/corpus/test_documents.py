@@ -90,7 +90,7 @@ def test_charts_of_results__are_drawn_from_the_csv_files():
     (axes,) = script.rewards().axes
     assert len(axes.patches) == 4 * len(script.AGENTS)
     curves = script.curves().axes
-    assert [len(panel.lines) for panel in curves if panel.lines] == [2, 1, 3]
+    assert [len(panel.lines) for panel in curves if panel.lines] == [3, 1, 4]
     assert curves[1].lines[0].get_ydata()[-1] > 50
 
 

@@ -29,6 +29,8 @@ def test_writable_directory__error_names_the_path(tmp_path: Path):
         writable_directory(tmp_path / "file" / "results")
 
 
-def test_fresh_file__rejects_a_directory(tmp_path: Path):
-    with pytest.raises(OutputError, match="it is a directory; name a file"):
-        fresh_file(tmp_path, force=True)
+def test_fresh_file__rejects_what_is_not_a_file(tmp_path: Path):
+    (tmp_path / "link").symlink_to("/dev/null")
+    for path in (tmp_path, tmp_path / "link", Path("/dev/null")):
+        with pytest.raises(OutputError, match="it is not a regular file; name a file"):
+            fresh_file(path, force=True)

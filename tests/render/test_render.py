@@ -6,7 +6,6 @@ import copy
 import pickle
 from collections.abc import Callable
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp.scene import Box, Item, Scene, Shape
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import draw, image_shape
+from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.canvas import Canvas, box_blits
 from lilgym_mp.scene.render.characters import text
 from tests.scenes import (
@@ -117,18 +116,6 @@ def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene
     half = draw(shown, "half")
     assert (half.shape, half.dtype) == ((50, 190, 3), np.uint8)
     assert np.array_equal(half, halved(draw(shown)))
-
-
-@pytest.mark.parametrize("image_size", ["full", 2, None])
-def test_image_size__unknown_size_error_has_the_choices(image_size: Any):
-    for use in (image_shape, Canvas, lambda size: draw(Scene.empty(), size)):
-        with pytest.raises(ValueError, match=r"^unknown image_size .*; choose from half, native"):
-            use(image_size)
-
-
-# The canvas
-
-Change = tuple[int, int, Item]
 
 
 @st.composite

@@ -70,7 +70,8 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
     except AgentError:
         raise
     except Exception as error:
-        given = f"with the options {dict(options or {})}; name it module:Class, importable from here"
+        hint = "name it module:Class, importable from here" if ":" in name else "give options as --option KEY=VALUE"
+        given = f"with the options {dict(options or {})}; {hint}"
         raise AgentError(f"agent {name!r} cannot be constructed {given}: {described(error)}") from error
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")

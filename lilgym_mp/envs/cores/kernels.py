@@ -49,7 +49,7 @@ inlined: Any = njit(forceinline=True, **_OPTIONS)
 
 def compiling(compiled: Any) -> AbstractContextManager[None]:
     """Context for the first call of a kernel: prints a line on stderr if compiling takes long."""
-    note = f"compiling {compiled.__name__} for batches of environments, once after installation"
+    note = f"loading {compiled.__name__} for batches of environments, or compiling it, once after installation"
     return nullcontext() if compiled.signatures else note_after(note, LONG_WAIT)
 
 

@@ -243,21 +243,19 @@ class ClaimingProposer:
     """Edits at random until a claim has the truth value that it seeks, then claims.
 
     `intent`: helpful seeks a true claim, deceptive a false one; None: the episode's intent. It makes at
-    least `min_edits` edits, and after `max_edits` it claims in any case.
+    least one edit, and after eight it claims in any case.
     """
 
     intent: Intent | None = None
-    min_edits: int = 1
-    max_edits: int = 8
 
     def __call__(self, turn: PartnerTurn) -> int:
         state, game = turn.state, turn.game
         seeks_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
         edits = state.mdp.steps
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
-        if turn.action_mask[claim] and edits >= self.min_edits:
+        if turn.action_mask[claim] and edits >= 1:
             fits_intent = game.dynamics.goal_reached(state.mdp) == seeks_truth
-            if fits_intent or edits >= self.max_edits:
+            if fits_intent or edits >= 8:
                 return claim
         return turn.random_edit()
 

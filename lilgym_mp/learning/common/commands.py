@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS, options
 from lilgym_mp.evaluation.options import CommandError, given_options
 from lilgym_mp.evaluation.terminal import Progress
@@ -68,9 +70,11 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
         except KeyboardInterrupt:
             if not (directory / RUN_FILE).exists():
                 raise
-            print(f"interrupted; resume with: lilgym-mp train {name} --resume --out {directory}")
+            print(f"interrupted; resume with: lilgym-mp train {name} --resume --out {shlex.quote(str(directory))}")
             return options.INTERRUPTED
-    print(f"evaluate it with: lilgym-mp evaluate {directory} --corpus {settings.corpus if settings else own.corpus}")
+    corpus = settings.corpus if settings else own.corpus
+    given = settings.options() if isinstance(settings, EnvConfig) else ["--corpus", corpus]
+    print(f"evaluate it with: lilgym-mp evaluate {shlex.join([str(directory), *given])}")
     return 0
 
 

@@ -31,6 +31,8 @@ class Recipe:
             elif not lowest <= value <= highest:
                 upper = "" if highest == math.inf else f" and at most {highest:g}"
                 raise ValueError(f"{name} must be at least {lowest:g}{upper}, not {value}")
+            elif each.name == "width" and value % lowest:
+                raise ValueError(f"{name} must be a multiple of {lowest}, not {value}")
 
     @classmethod
     def of(cls, configuration: str, named: str | None = None, **changes: Any) -> Self:

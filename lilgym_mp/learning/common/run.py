@@ -207,6 +207,8 @@ class TrainingRun(ABC):
     def load(self) -> bool:
         """Continues from the checkpoint if the run is resumed and has one. Raises TrainingRunError."""
         if not self.resume or not self.files.has_checkpoint:
+            if self.files.agent_file.exists():
+                raise TrainingRunError(f"{self.files.path} has an agent, but no checkpoint to continue from")
             return False
         with self.files.checkpoint(self.device) as state:
             for field in fields(self.counters):

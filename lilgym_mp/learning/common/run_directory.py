@@ -106,7 +106,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
         check_same(path, run.identity, identity)
         return run
     writable_directory(path)
-    if file.exists():
+    if file.exists() or (path / AGENT_FILE).exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
     run = RunDirectory(path, dict(identity), {}, made={**metadata(()), "command": command})

@@ -27,7 +27,7 @@ class GameRecipe(UpdateRecipe):
         choices=("ppo", "cross-entropy", "both"),
     )
     mask: bool = setting(True, "mask the proposer's illegal actions in training and in play")
-    width: int = setting(64, "width of the networks", 8, 1024)
+    width: int = setting(64, "width of the networks; a multiple of 8", 8, 1024)
     claim_steps: int = setting(8, "optimiser steps on remembered claims per rollout", 0)
     claim_memory: int = setting(100_000, "claims remembered", 1)
     claim_statements: int = setting(64, "statements in a step on claims, with up to as many claims of each", 1)

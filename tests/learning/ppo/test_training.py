@@ -22,7 +22,7 @@ from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.commands import resumed
-from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe
 from lilgym_mp.learning.ppo.learning_curve import LearningCurve
@@ -416,6 +416,12 @@ def test_train__invalid_settings_create_no_directory(tmp_path: Path, settings: S
 def test_train__rejects_used_and_unwritable_directories(tmp_path: Path, begun_run: Path):
     with pytest.raises(TrainingRunError, match="already holds a run"):
         trained(begun_run, 32)
+    (tmp_path / AGENT_FILE).write_bytes(b"of another run")
+    with pytest.raises(TrainingRunError, match="already holds a run"):
+        trained(tmp_path, 32)
+    (tmp_path / "run.json").write_bytes((begun_run / "run.json").read_bytes())
+    with pytest.raises(TrainingRunError, match="has an agent, but no checkpoint to continue from"):
+        trained(tmp_path, 64, resume=True)
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write results to"):
         trained(tmp_path / "file" / "run", 32)
