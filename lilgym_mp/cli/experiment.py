@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         for planned in plan:
             for words in planned.commands:
-                print(f"{planned.name}: lilgym-mp {shlex.join(words)}".replace(OUT, str(results)))
+                print(f"{planned.name}: lilgym-mp {shlex.join(word.replace(OUT, str(results)) for word in words)}")
         return 0
     for planned in plan if args.split else ():
         if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():

@@ -77,5 +77,8 @@ class StatementArrays:
             return self._encoded[statement]
         count = len(words(statement))
         if count > self.length and not self._truncates:
-            raise ValueError(f"the statement {statement!r} has {count} words, but length is {self.length}; raise it")
+            raise ValueError(
+                f"the statement {statement!r} has {count} words, but length is {self.length}: set length={count} or"
+                " more, or truncate longer statements with the wrapper TokenizedStatement(env, truncate=True)"
+            )
         return self.vocabulary.encode(statement, self.length)

@@ -64,8 +64,7 @@ class TextPretraining:
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         rng, recipe, token_id = self._rng, self._recipe, self._tokenizer.vocabulary.token_id
-        order = rng.sample(COLOURS, len(COLOURS)) if recipe.recolour else COLOURS
-        exchange = dict(zip(COLOURS, order, strict=True))
+        exchange = dict(zip(COLOURS, rng.sample(COLOURS, 3) if recipe.recolour else COLOURS, strict=True))
         recoloured = exchanged(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
         dropped = PARSER.unknown if recipe.unknown_words else 0.0
         words = [UNKNOWN if rng.random() < dropped else token_id(word) for word in recoloured]
