@@ -18,8 +18,8 @@ from lilgym_mp.evaluation.files import SUFFIX
 def digest(directory: Path) -> str:
     """The first digits of the SHA-256 of all episodes, without the headers."""
     found = hashlib.sha256()
-    for file in sorted(directory.glob(f"*{SUFFIX}")):
-        _, *lines = gzip.decompress(file.read_bytes()).decode().splitlines()
+    recordings = [gzip.decompress(file.read_bytes()).decode().splitlines() for file in directory.glob(f"*{SUFFIX}")]
+    for _, *lines in sorted(recordings, key=_kind):  # names of files can be shortened
         for line in lines:
             shown = phenomena(json.loads(line)["program"])
             names = json.dumps([name for name in RULES if name in shown], separators=(",", ":"))
@@ -27,6 +27,11 @@ def digest(directory: Path) -> str:
                 line = line.replace(',"tags":', f',"phenomena":{names},"tags":', 1)
             found.update(line.encode() + b"\n")
     return found.hexdigest()[:12]
+
+
+def _kind(recording: list[str]) -> tuple[str, str, str]:
+    header = json.loads(recording[0])
+    return header["agent"], header["actions"], header["settings"]["configuration"]
 
 
 if __name__ == "__main__":
