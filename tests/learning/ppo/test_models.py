@@ -205,7 +205,8 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 ARCHITECTURE = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
-SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1, "held_out": 0.0}
+SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
+SHORT |= {"held_out": 0.0, "patience": 0}
 
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
@@ -235,12 +236,12 @@ def test_cuda_graphs__train_as_without_them(
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
         recipe = PPORecipe.of(
             "TowerScratch", "paper", model="c3-bert", stop_forcing=True, reduced_precision=False, envs=4, rollout=16,
-            batch_size=8, epochs=2, held_out=0.0,
+            batch_size=8, epochs=2, held_out=0.0, patience=0,
         )  # fmt: skip
         train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
         weights.append(load_file(out / "agent.safetensors"))
         (group,) = torch.load(out / "checkpoint.pt")["optimiser"]["param_groups"]
-        assert (group["lr"], group["capturable"]) == (recipe.learning_rate, False)  # any device can continue
+        assert (type(group["lr"]), group["capturable"]) == (float, False)  # any device can continue
     for name, tensor in weights[0].items():
         torch.testing.assert_close(tensor, weights[1][name], atol=1e-5, rtol=1e-4)
 
