@@ -219,6 +219,7 @@ def own_ids(tmp_path: Path) -> str:
     ("settings", "advice"),
     [
         ({"num_envs": 2}, "unknown keyword 'num_envs'; use .*n_envs"),
+        ({"backend": "dummy", "vec_env_kwargs": {}}, "use backend=... and its keywords"),
         ({"max_episode_steps": 5}, "use horizon=N"),
         ({"env_kwargs": {"split": "dev"}}, "use its entries as keywords"),
         ({"wrapper_class": StopForcing}, "wrap=WRAPPER"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
 from lilgym_mp.corpus import check_corpus, load_all_tasks
-from lilgym_mp.corpus.locations import BUILTIN, DATA_VARIABLE, OFFICIAL, installed_directory, is_generated, is_split
+from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_path, is_split
 from lilgym_mp.corpus.matching import with_permuted_boxes
 from lilgym_mp.corpus.official import OfficialFile, download_official, import_official, official_names
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
@@ -193,8 +193,7 @@ def _split(args: argparse.Namespace) -> int:
         raise CommandError(f"--out must name a file that ends in .split.json or .split.json.gz, not {str(args.out)!r}")
     lists = split_lists(args.by, list(load_all_tasks(args.corpus, args.appearances, [SCRATCH])))
     print(table(["task set", "statements"], [(name, len(ids)) for name, ids in lists.items()]))
-    is_name = args.corpus in (BUILTIN, OFFICIAL) or is_generated(args.corpus)
-    corpus = args.corpus if is_name else os.path.relpath(args.corpus, args.out.parent)
+    corpus = os.path.relpath(args.corpus, args.out.parent) if is_path(args.corpus) else args.corpus
     _write(args, [{"corpus": corpus, "by": args.by, "statements": lists}])
     return 0
 

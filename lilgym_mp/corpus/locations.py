@@ -21,6 +21,11 @@ def is_generated(corpus: object) -> bool:
     return isinstance(corpus, str) and corpus.split(":")[0] == GENERATED
 
 
+def is_path(corpus: str) -> bool:
+    """Whether the corpus is named by its path."""
+    return corpus not in (BUILTIN, OFFICIAL) and not is_generated(corpus) and not corpus.startswith(f"{BUILTIN}:")
+
+
 def is_split(corpus: str | os.PathLike[str]) -> bool:
     """Whether the name is that of a compositional split, valid or not, or of a file of its lists."""
     return os.fspath(corpus).startswith(f"{BUILTIN}:") or os.fspath(corpus).endswith((".split.json", ".split.json.gz"))

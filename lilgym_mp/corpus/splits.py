@@ -22,7 +22,7 @@ from pathlib import Path
 
 from lilgym_mp.corpus.faults import CorpusError, NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
-from lilgym_mp.corpus.locations import BUILTIN, OFFICIAL, is_generated, is_split
+from lilgym_mp.corpus.locations import BUILTIN, is_path, is_split
 from lilgym_mp.corpus.records import GZIP_MAGIC, SCRATCH, read_bytes
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import words
@@ -118,7 +118,7 @@ def load_listed(corpus: str, appearance: str, start: str, split: str) -> TaskSet
         raise CorpusError(f"{corpus}: not a file of lists as `lilgym-mp data split` writes: {error!r}") from None
     if is_split(base):
         raise CorpusError(f"{corpus}: lists of {base}, which is itself a split; split its corpus instead")
-    if base not in (BUILTIN, OFFICIAL) and not is_generated(base):
+    if is_path(base):
         base = str(Path(corpus).parent / base)
     tasks, scratch = (load_tasks(base, appearance, kind, split) for kind in (start, SCRATCH))
     ids = statements.get(_key(tasks), frozenset())

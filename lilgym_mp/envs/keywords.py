@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NoReturn
 
 import gymnasium as gym
@@ -28,21 +28,18 @@ INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of e
 SB3_INSTEAD = {  # of keywords that `lilgym_mp.sb3.make_vec_env` sets itself or has under another name
     "num_envs": "n_envs=N",
     "env_id": "id",
+    "wrapper_kwargs": "wrap=functools.partial(WRAPPER, ...)",
+    "monitor_kwargs": "monitor=False and VecMonitor(env, ...)",
+    "start_index": "seed=SEED + START_INDEX",
+    **dict.fromkeys(("vectorization_mode", "vector_kwargs", "vec_env_kwargs"), "backend=... and its keywords"),
     "autoreset_mode": "no other than the mode that Stable-Baselines3 needs",
 }
 
 
-def check_sb3_keywords(names: Iterable[str]) -> None:
-    """Raises TypeError naming what to use for a keyword of another maker of environments."""
-    for name in names:
-        if name in SB3_INSTEAD:
-            raise TypeError(f"unknown keyword {name!r}; use {SB3_INSTEAD[name]}")
-
-
-def check_keywords(unknown: Iterable[str], choices: Iterable[str]) -> None:
+def check_keywords(unknown: Iterable[str], choices: Iterable[str], instead: Mapping[str, str] = INSTEAD) -> None:
     """Raises TypeError for any keyword, naming what replaces it, or the choices."""
     for name in unknown:
-        advice = f"use {INSTEAD[name].format(name)}" if name in INSTEAD else f"choose from {', '.join(choices)}"
+        advice = f"use {instead[name].format(name)}" if name in instead else f"choose from {', '.join(choices)}"
         raise TypeError(f"unknown keyword {name!r}; {advice}")
 
 

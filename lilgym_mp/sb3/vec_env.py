@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs.checks import checked_count, checked_options
 from lilgym_mp.envs.interface import RESET_OPTIONS
-from lilgym_mp.envs.keywords import check_sb3_keywords
+from lilgym_mp.envs.keywords import SB3_INSTEAD, check_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
 from lilgym_mp.envs.observation import ARRAYS, row_of
 from lilgym_mp.envs.preload import preload_tasks
@@ -186,7 +186,7 @@ def make_vec_env(
     `stop_forcing`: add "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP.
     Other keywords: of `gymnasium.make`. Raises ValueError naming the choices, TypeError for an unknown keyword.
     """
-    check_sb3_keywords(kwargs)
+    check_keywords(kwargs.keys() & SB3_INSTEAD, (), SB3_INSTEAD)
     build = choose("backend", backend, BACKENDS)
     if same_statement != 1 or recolour or empty_starts:
         if "sampler" in kwargs:

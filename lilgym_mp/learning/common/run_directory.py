@@ -107,7 +107,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
         return run
     writable_directory(path)
     if file.exists() or (path / AGENT_FILE).exists():
-        raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
+        raise TrainingRunError(f"{path} already holds a run or an agent: --resume the run, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
     run = RunDirectory(path, dict(identity), {}, made={**metadata(()), "command": command})
     run.remember()

@@ -176,8 +176,7 @@ class Run(TrainingRun):
         recipe, network, counters = self._recipe, self._network, self.counters
         if counters.updates % recipe.collect_every == 0:
             self._collect_more(self.progress())
-        # Since pretraining, which was a larger part of the budget if a resumed run has more.
-        done = max(0.0, (self.progress() - counters.begun_at) / (1 - counters.begun_at))
+        done = max(0.0, (self.progress() - counters.begun_at) / (1 - counters.begun_at))  # since pretraining
         solvable = [entry for entry in self._entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
         batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
