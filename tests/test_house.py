@@ -28,6 +28,8 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
+PACKAGE_NODES, TEST_NODES = 357_000, 205_000  # most syntax nodes; lower them as code goes
+PAGE_AND_DATA_LINES = 2_130 + 1_774  # most lines of JavaScript, CSS and HTML, and of TOML in data
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 WITHOUT_NUMBA = """
 import sys
@@ -193,6 +195,13 @@ def test_program__has_code_generated_only_once_it_is_evaluated_often():
 def test_package__loads_few_lines_for_a_use(use: str, limit: int):
     lines, _ = load_script("print_closures").closure(use)
     assert lines <= limit
+
+
+def test_code__stays_within_its_budgets():
+    sizes = load_script("print_closures")
+    assert sizes.nodes(sizes.python_files("lilgym_mp", "wrappers")) <= PACKAGE_NODES
+    assert sizes.nodes(sizes.python_files("tests")) <= TEST_NODES
+    assert sizes.page_lines() + sizes.data_lines() <= PAGE_AND_DATA_LINES
 
 
 @pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])
