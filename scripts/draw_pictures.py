@@ -61,7 +61,12 @@ ELSEWHERE = {  # pictures made by other commands
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
     **dict.fromkeys(
-        ("results-mean-reward.png", "results-edits-needed.png", "results-ppo-curves.png"),
+        (
+            "results-mean-reward.png",
+            "results-edits-needed.png",
+            "results-ppo-curves.png",
+            "results-table-2-curves.png",
+        ),
         "python scripts/draw_results.py",
     ),
     "results-*.png": "charts of a report; lilgym-mp report RESULTS --out OUT with RESULTS as in docs/results.md",

@@ -4,7 +4,8 @@
     python scripts/draw_results.py --row 13 RUN ...
 
 `--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
-of Scratch that have no image in the corpus. Accuracy by edits is that of outcomes.csv and needs the official data.
+of Scratch that have no image in the corpus. The rows `paper` and `paper-sf` are C3+BERT with the paper's recipe.
+Accuracy by edits is that of outcomes.csv and needs the official data.
 """
 
 from __future__ import annotations
@@ -45,6 +46,10 @@ CURVES = {  # rows of the chart of curves
     "15": "PPO+SF, no exchanged colours",
     "separators": "PPO+SF, acts on separators",
 }
+PAPER_CURVES = {  # rows of the chart of C3+BERT with the paper's recipe
+    "paper-sf": "PPO+SF",
+    "paper": "PPO",
+}
 
 
 def add_curves(row: str, runs: list[Path]) -> None:
@@ -60,19 +65,19 @@ def add_curves(row: str, runs: list[Path]) -> None:
     write("curves", [head, *sorted(rows, key=lambda each: (*each[:3], int(each[3])))])
 
 
-def curves() -> Any:
-    """The accuracy on dev while training, a panel per configuration."""
+def curves(rows: dict[str, str] = CURVES) -> Any:
+    """The accuracy on dev while training, a panel per configuration that has runs of these rows; None if none has."""
     found: dict[tuple[str, str], dict[str, list[Any]]] = {}
     for row, run, configuration, steps, accuracy in read("curves")[1:]:
         point = {"steps": int(steps), "accuracy": float(accuracy) / 100}
         found.setdefault((configuration, row), {}).setdefault(run, []).append(point)
     panels: list[tuple[str, str, str, list[Any]]] = []
     for name in CONFIGURATIONS:
-        runs = {text: found[name, row] for row, text in CURVES.items() if (name, row) in found}
+        runs = {text: found[name, row] for row, text in rows.items() if (name, row) in found}
         lines = [mean_line(text, [*of_row.values()], "accuracy") for text, of_row in runs.items()]
         if lines:
             panels.append((name, "actions of training", "accuracy on dev, %", lines))
-    return line_chart(panels, Looks())
+    return line_chart(panels, Looks()) if panels else None
 
 
 def rewards() -> Any:
@@ -109,12 +114,19 @@ def _edits(configuration: str) -> list[int]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--row", choices=[*CURVES], help="row of the table of accuracies that the runs belong to")
+    parser.add_argument(
+        "--row", choices=[*CURVES, *PAPER_CURVES], help="row of the table of accuracies that the runs belong to"
+    )
     parser.add_argument("runs", nargs="*", type=Path)
+    parser.add_argument("--curves", action="store_true", help="draw the charts of curves alone")
     args = parser.parse_args()
     if args.runs and not args.row:
         parser.error("runs need --row")
     if args.runs:
         add_curves(args.row, args.runs)
-    for file, figure in (("mean-reward", rewards()), ("edits-needed", edits()), ("ppo-curves", curves())):
-        save(figure, PICTURES / f"results-{file}.png", "png")
+    charts = {"ppo-curves": curves(), "table-2-curves": curves(PAPER_CURVES)}
+    if not args.curves:
+        charts |= {"mean-reward": rewards(), "edits-needed": edits()}
+    for name, figure in charts.items():
+        if figure is not None:
+            save(figure, PICTURES / f"results-{name}.png", "png")

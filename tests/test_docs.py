@@ -109,6 +109,20 @@ def test_commands__are_accepted_by_the_parser() -> None:
             parse_args(words)
 
 
+def test_addresses__have_parameters_that_their_page_reads() -> None:
+    pages = "".join(path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+    addresses = re.findall(r"`/(\w+)\?([^`]+)`", pages)
+    assert addresses
+    unread = [
+        f"/{page}?{name}"
+        for page, query in addresses
+        for script in [(ROOT / "lilgym_mp/contrib/web/assets" / f"{page}.js").read_text()]
+        for name in re.findall(r"(?:^|&)(\w+)", query)
+        if f'get("{name}")' not in script and not re.search(rf"function choose\(\{{[^}}]*\b{name}\b", script)
+    ]
+    assert unread == []
+
+
 def test_links_between_documents__have_existing_targets() -> None:
     broken = [
         f"{path.name}: {target}"

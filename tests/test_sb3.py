@@ -377,8 +377,8 @@ def test_cnn_policy__takes_the_image_alone() -> None:
 
 def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release() -> None:
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
-        with pytest.raises(TypeError, match="unknown keyword 'data_path'; use corpus=PATH"):
-            make(TOWER, data_path="data")
+        with pytest.raises(TypeError, match="unknown keyword 'data'; use corpus=PATH"):
+            make(TOWER, data="data")
         with pytest.raises(TypeError, match="unknown keyword 'splt'; choose from corpus, split"):
             make(TOWER, splt="dev")
 

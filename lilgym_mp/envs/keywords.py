@@ -10,9 +10,9 @@ import gymnasium as gym
 _OF_BATCHES = "gymnasium.make_vec(id, num_envs=N, {}=...), as it belongs to batches"
 _OF_WORKERS = 'lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {}=...), or backend="workers" for SB3'
 INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of environments
-    "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
+    "data": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
     "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
-    "max_steps": "horizon=N",
+    "evaluate": "lilgym_mp.evaluation.evaluate, which plays each start scene once",
     "max_episode_steps": "horizon=N",
     "num_envs": "gymnasium.make_vec(id, num_envs=N), which makes a batch",
     **dict.fromkeys(("autoreset_mode", "evaluation", "copy"), _OF_BATCHES),

@@ -151,7 +151,7 @@ def test_masks__other_environments_have_none_but_their_wrappers_may() -> None:
 )
 def test_ids_of_the_release__name_the_new_one(make: Any) -> None:
     with pytest.raises(gym.error.NameNotFound, match="this environment's id is 'lilgym_mp/ScatterFlipIt-v0'"):
-        make("ScatterFlipIt-v0", data_path="data")
+        make("ScatterFlipIt-v0", data="data")
 
 
 def test_actions__in_array_form_name_what_takes_them() -> None:

@@ -16,7 +16,7 @@ from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
 
 @dataclass(frozen=True, slots=True)
 class ImitationRecipe(Recipe):
-    """Imitation of sets of optimal first actions; docs/imitation.md has ablations."""
+    """Imitation of sets of optimal first actions (docs/imitation.md); docs/lab/index.md has ablations."""
 
     width: int = setting(128, "network width; a multiple of 8", 8)
     text_layers: int = setting(2, "layers of the text encoder", 0)
