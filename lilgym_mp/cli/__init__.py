@@ -18,9 +18,9 @@ from functools import cache
 from typing import Any, NoReturn
 
 from lilgym_mp import __version__
+from lilgym_mp.cli.options import INTERRUPTED, CommandError, add_commands
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.corpus.notes import printable
-from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_commands
 from lilgym_mp.scene.choices import load_extensions
 
 # Modules of this package, in the order of --help.

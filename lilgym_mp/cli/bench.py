@@ -25,11 +25,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lilgym_mp.cli.options import CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.evaluation.options import CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.terminal import Progress

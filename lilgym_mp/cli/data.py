@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
+from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.corpus import check_corpus, load_all_tasks
 from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_path, is_split
 from lilgym_mp.corpus.matching import with_permuted_boxes
@@ -19,7 +20,6 @@ from lilgym_mp.corpus.splits import RULES, split_lists
 from lilgym_mp.corpus.synthesis import synthesize
 from lilgym_mp.corpus.writing import entry_json, flipit_entries, header_json, task_rows, write_lines
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.evaluation.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed

@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp import __version__
-from lilgym_mp.cli.solve import add_solving, solve_shown
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
-from lilgym_mp.evaluation.files import fresh_file
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     CommandError,
     add_configuration,
     add_seed,
@@ -23,6 +19,10 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
     given_settings,
 )
+from lilgym_mp.cli.solve import add_solving, solve_shown
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
+from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import listed
 

@@ -18,13 +18,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.corpus import NoTasksError, load_all_tasks
-from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
-from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     CONFIGURATIONS_HELP,
     CommandError,
     add_device,
@@ -35,6 +29,12 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
     given_environment,
 )
+from lilgym_mp.corpus import NoTasksError, load_all_tasks
+from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
+from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.policies import (
     AS_TRAINED,
     BASELINES,

@@ -9,11 +9,11 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.cli.options import CommandError, given_environment
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
-from lilgym_mp.evaluation.options import CommandError, given_environment
 from lilgym_mp.evaluation.terminal import Progress, table
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lilgym_mp.cli.options import CommandError, check_at_least
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import SUFFIX, write_text
-from lilgym_mp.evaluation.options import CommandError, check_at_least
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import choose
 

@@ -10,10 +10,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from lilgym_mp.cli.options import CommandError, check_at_least
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.options import CommandError, check_at_least
 from lilgym_mp.evaluation.policies import GREEDY, built_in_policy
 from lilgym_mp.learning.common.learners import Learner, find_learner
 from lilgym_mp.scene.choices import choose, flag_name
@@ -170,7 +170,7 @@ def _played_configurations(configuration: str | None, recipe: Any, choices: Sequ
 def _checked(command: Sequence[str], learner: Learner) -> tuple[tuple[str, float], Any]:
     """The budget and the recipe of a command that trains."""
     from lilgym_mp.cli import parse_args
-    from lilgym_mp.learning.common.commands import requested
+    from lilgym_mp.cli.training import requested
 
     args = parse_args(command)
     check_at_least(args, 0, "seed")

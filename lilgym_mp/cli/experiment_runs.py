@@ -17,8 +17,8 @@ from enum import StrEnum
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import OUT, PlannedRun
+from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation.files import writable_directory, write_json
-from lilgym_mp.evaluation.options import CommandError
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE, RUN_FILE
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"

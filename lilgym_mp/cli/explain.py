@@ -16,11 +16,7 @@ from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
-from lilgym_mp.corpus.records import SPLITS, STARTS, read_text
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.registration import configuration_name, read_configuration
-from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     CommandError,
     add_device,
     add_settings,
@@ -28,6 +24,10 @@ from lilgym_mp.evaluation.options import (
     given_environment,
     task_sets_with_id,
 )
+from lilgym_mp.corpus.records import SPLITS, STARTS, read_text
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import configuration_name, read_configuration
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.terminal import hanging, shows_colours
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
 from lilgym_mp.programs.task import Task

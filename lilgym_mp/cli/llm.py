@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from lilgym_mp.evaluation.options import add_commands
+from lilgym_mp.cli.options import add_commands
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

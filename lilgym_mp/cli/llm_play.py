@@ -16,10 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.notes import printable
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation.files import first_free_path, fresh_file, write_json, write_text
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     RUNS,
     CommandError,
     add_configuration,
@@ -31,6 +28,9 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
     given_settings,
 )
+from lilgym_mp.corpus.notes import printable
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation.files import first_free_path, fresh_file, write_json, write_text
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:

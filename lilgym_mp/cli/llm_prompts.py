@@ -11,9 +11,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.cli.options import add_number, add_seed, check_at_least
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.evaluation.options import add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.appearances import APPEARANCES
 

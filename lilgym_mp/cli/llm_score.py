@@ -15,9 +15,9 @@ from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.cli.options import CommandError, add_thoughts
 from lilgym_mp.corpus.records import read_text
 from lilgym_mp.evaluation.files import fresh_file, write_json
-from lilgym_mp.evaluation.options import CommandError, add_thoughts
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.rlvr import Row

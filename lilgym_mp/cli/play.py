@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
-from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     add_configuration,
     add_settings,
     argument_type,
     given_settings,
     split_of,
 )
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
+from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance

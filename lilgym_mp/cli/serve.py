@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.evaluation.options import RUNS, CommandError, add_corpus
+from lilgym_mp.cli.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
     from fastapi import FastAPI

@@ -13,12 +13,7 @@ from statistics import mean, median
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation.files import fresh_file, write_json
-from lilgym_mp.evaluation.options import (
+from lilgym_mp.cli.options import (
     CommandError,
     add_configuration,
     add_settings,
@@ -26,6 +21,11 @@ from lilgym_mp.evaluation.options import (
     given_environment,
     split_of,
 )
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe

@@ -5,7 +5,6 @@ docs/corpus.md describes the file format, docs/official_data.md the official rel
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
@@ -35,14 +34,16 @@ __all__ = [
     "write_corpus",
 ]
 
-ON_FIRST_USE = {  # module of each name that a running environment does not need
-    **dict.fromkeys(("Vocabulary", "VocabularyError", "words"), "tokens"),
-    "check_corpus": "checking",
-    "write_corpus": "writing",
-}
-
 
 def __getattr__(name: str) -> Any:
-    if name not in ON_FIRST_USE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{ON_FIRST_USE[name]}"), name)
+    """Imports, on first use, what a running environment does not need."""
+    match name:
+        case "Vocabulary" | "VocabularyError" | "words":
+            from lilgym_mp.corpus import tokens as module
+        case "check_corpus":
+            from lilgym_mp.corpus import checking as module
+        case "write_corpus":
+            from lilgym_mp.corpus import writing as module
+        case _:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(module, name)

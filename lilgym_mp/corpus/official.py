@@ -12,10 +12,9 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from importlib import import_module
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError, checked
@@ -157,15 +156,16 @@ def download_official(
     `on_file` is called with the name of each file once it is complete. Raises CorpusError naming the URL and the fault;
     `target` is then unchanged.
     """
+    import pooch  # pyright: ignore[reportMissingTypeStubs]
     from requests import RequestException
 
-    pooch: Any = import_module("pooch")  # untyped
-    pooch.get_logger().setLevel("ERROR")
-    downloader = pooch.HTTPDownloader(timeout=SILENCE)
+    library = cast("Any", pooch)  # untyped
+    library.get_logger().setLevel("ERROR")
+    downloader = library.HTTPDownloader(timeout=SILENCE)
     with tempfile.TemporaryDirectory() as downloaded:
         try:
             urls = _github_urls(names) if url is None else {name: f"{url.rstrip('/')}/{name}" for name in names}
-            files = pooch.create(downloaded, "", registry=dict.fromkeys(names), urls=urls, retry_if_failed=RETRIES)
+            files = library.create(downloaded, "", registry=dict.fromkeys(names), urls=urls, retry_if_failed=RETRIES)
             for name in names:
                 files.fetch(name, downloader=downloader)
                 on_file(name)

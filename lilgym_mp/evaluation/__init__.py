@@ -1,6 +1,5 @@
 """Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.envs.config import EnvConfig as Settings
@@ -30,4 +29,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in ("Summary", "summarise", "training_statements"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.results"), name)
+    from lilgym_mp.evaluation import results
+
+    return getattr(results, name)

@@ -6,19 +6,27 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
-from importlib import import_module
 from typing import Any
 
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError, StepLimitError
-from lilgym_mp.programs.syntax import own_size, parse, word_names
+from lilgym_mp.programs.syntax import Node, own_size, parse, word_names
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
 MAX_MEMO = 2_048  # values memoised by a box or scene, beyond which those of programs are forgotten
-# Imported when a program is evaluated often; the core plays without it.
-ACCELERATOR = "lilgym_mp.envs.fast.code_generation", "generate_function"
 REFERENCE_EVALUATIONS = 2  # of a program, before code is generated for it
+
+Truth = Callable[[Scene], bool]  # may raise FallbackError
+_GENERATORS: list[Callable[[Node], Truth | None]] = []  # the latest is used
+
+
+def register_generator(generate: Callable[[Node], Truth | None]) -> None:
+    """Sets what generates code for a syntax tree that is evaluated often; it returns None for an unsupported one.
+
+    Without one, or if it raises ImportError, programs are evaluated by the reference evaluator alone.
+    """
+    _GENERATORS.append(generate)
 
 
 class Program:
@@ -37,7 +45,7 @@ class Program:
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
         self._reference: Any = None  # for the reference evaluator, made when it is used
-        self._generated: Callable[[Scene], bool] | None = None
+        self._generated: Truth | None = None
         self._evaluations = 0  # before code is generated
         self._key = "program truth " + source
 
@@ -79,15 +87,14 @@ class Program:
         self._reference = self._reference or build_closure(self.tree)
         return evaluate(self._reference, Evaluation(scene, step_limit))
 
-    def _first(self) -> Callable[[Scene], bool]:
+    def _first(self) -> Truth:
         """The function for one of the first evaluations."""
         self._evaluations += 1
         return _always_fall_back if self._evaluations <= REFERENCE_EVALUATIONS else self._generate()
 
-    def _generate(self) -> Callable[[Scene], bool]:
-        module, name = ACCELERATOR
+    def _generate(self) -> Truth:
         try:
-            self._generated = getattr(import_module(module), name)(self.tree)
+            self._generated = _GENERATORS[-1](self.tree) if _GENERATORS else None
         except ImportError as fault:  # a warning is shown once
             warnings.warn(f"programs are evaluated slowly, by the reference evaluator: {fault}", RuntimeWarning)  # noqa: B028
         self._generated = self._generated or _always_fall_back

@@ -19,8 +19,8 @@ from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
+from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.evaluation.options import CommandError
 from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pickle
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from statistics import fmean
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -20,11 +18,9 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import evaluate
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner, shipped_agents
+from lilgym_mp.learning.common.learners import LEARNERS, Learner, find_learner, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, save_model
 from lilgym_mp.learning.common.recipes import Recipe, RunOptions, setting
-
-PACKAGE = "guessing_package"
 
 
 @dataclass(frozen=True)
@@ -44,14 +40,14 @@ class Options(RunOptions):
 def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, Any]]]:
     """The arguments that its function was given."""
     given: list[dict[str, Any]] = []
-    module: Any = ModuleType(f"{PACKAGE}.learner", "Guesses.\n\nGuesses boldly.")
-    agent: Any = ModuleType(f"{PACKAGE}.agent")
-    agent.load_agent = lambda path, device: f"agent of {path.name} on {device}"
-    agent.train = lambda settings, **arguments: given.append({"settings": settings, **arguments})
-    module.LEARNER = Learner(Guesses, Options, f"{PACKAGE}.agent:train")
-    monkeypatch.setitem(sys.modules, f"{PACKAGE}.learner", module)
-    monkeypatch.setitem(sys.modules, f"{PACKAGE}.agent", agent)
-    monkeypatch.setitem(PACKAGES, "guessing", PACKAGE)
+    learner = Learner(
+        Guesses,
+        Options,
+        train=lambda settings, **arguments: given.append({"settings": settings, **arguments}),
+        load_agent=lambda path, device: f"agent of {path.name} on {device}",
+        text="Guesses.\n\nGuesses boldly.",
+    )
+    monkeypatch.setitem(LEARNERS, "guessing", lambda: learner)
     cli.make_parser.cache_clear()
     yield given
     cli.make_parser.cache_clear()
@@ -117,7 +113,7 @@ def test_shipped_agents__are_small_and_listed_for_an_unknown_one() -> None:
         open_agent(Path("imitation-towers"), "cpu")
 
 
-@pytest.mark.parametrize("name", [name for name in PACKAGES if name != "guessing"])
+@pytest.mark.parametrize("name", [name for name in LEARNERS if name != "guessing"])
 def test_learners__have_a_recipe_and_a_budget(name: str) -> None:
     learner = find_learner(name)
     assert learner.budget(learner.recipe.of("TowerScratch"), learner.options())[1] > 0

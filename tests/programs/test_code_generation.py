@@ -6,9 +6,10 @@ import random
 
 import pytest
 
-from lilgym_mp.programs import Program, compile_program
+from lilgym_mp.programs import Program, ProgramError, compile_program
+from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from tests.stress.program_truth import scenes, value
+from tests.stress.program_truth import batch_differences, scenes, value
 
 
 def assert_agreement(program: Program, scene: Scene) -> None:
@@ -81,3 +82,91 @@ def test_generated_code__box_memo_is_shared_between_programs_without_collisions(
     assert counts == [True, True, True, True, False]
     lambdas = ("lambda x: exist(filter_obj(x, is_blue))", "lambda x: exist(filter_obj(x, is_yellow))")
     assert [compile_program(f"exist(filter_obj(all_boxes, {f}))")(scene) for f in lambdas] == [True, False]
+
+
+VALUES = {  # by parts of the names of the parameters' types; a collection suits most
+    "bool": "True; exist(all_items); all_boxes[0].is_tower()",
+    "int": "0; 2; 1000000; count(all_items); count(all_items) % 3",
+    "Color": "Color.BLACK; all_items[0].color; unique(all_boxes[0]).color",
+    "Shape": "Shape.TRIANGLE; all_boxes[0].all_items_in_box()[0].shape",
+    "Size": "Size.BIG; Size.SMALL",
+    "Side": "Side.TOP; Side.ANY",
+    "item": "all_items[0]; unique(all_boxes[0]); unique(filter_color(all_boxes[1], Color.BLACK)); all_items",
+    "function": """is_black; exist; get_above; lambda x: x; lambda x: [x, Color.BLUE]; lambda x: {x, Size.BIG};
+        lambda x: 1; lambda x: count(x) == 2; lambda x: is_black(x); lambda x: x.color; lambda x: x in {Color.BLUE}""",
+    "collection": """all_items; all_boxes; all_boxes[1]; set(all_boxes); [all_boxes[0], all_boxes[0]]; {all_boxes[2]};
+        []; [Color.BLACK]; [2, True]; [Color.BLACK, Color.BLACK, Color.BLUE]; {Color.BLACK, unique(all_boxes[0]).color};
+        {Shape.TRIANGLE, Color.BLACK}; [Shape.TRIANGLE, Color.BLACK]; {1, Size.BIG, True}; [Side.TOP, Side.LEFT];
+        [{Color.BLACK}, {Shape.CIRCLE}]; [[Color.BLACK], [1]]; {all_boxes[0], Color.BLUE}; {Color.BLACK, all_items};
+        combinations([Color.BLUE, Shape.CIRCLE], 2); set(combinations(all_boxes, 2)); combinations(all_items, 2);
+        [all_items[0], all_boxes[0], 1]; all_boxes[0:2]; filter_obj([], exist); filter_obj(all_boxes, exist);
+        filter_obj(all_items, is_black); filter_obj({Color.BLUE}, lambda c: True); get_set_colors(all_items);
+        get_set_shapes(all_boxes[1]); query_color(unique(all_boxes[0])); get_above(all_items);
+        [unique(all_boxes[0]).color]""",
+}
+SUITING = {kind: [each.strip() for each in text.split(";")] for kind, text in VALUES.items()}
+ANY_VALUE = [each for values in SUITING.values() for each in values]
+USES = (
+    "{0} == {1}",
+    "{0} != {1}",
+    "{0} in {1}",
+    "{0} < {1}",
+    "equal({0}, {1})",
+    "exist({0})",
+    "count({0}) == 2",
+    "not {0}",
+)
+
+
+def odd_program(rng: random.Random, name: str) -> str:
+    """A use of the word with arguments that mostly suit it, and some of any type."""
+
+    def argument(kind: str) -> str:
+        suiting = [each for part, values in SUITING.items() if part in kind for each in values]
+        return rng.choice(suiting if suiting and rng.random() < 0.8 else ANY_VALUE)
+
+    parameters = [each for each in WORDS[name].parameters if not each.optional or rng.random() < 0.5]
+    call = f"{name}({', '.join(f'{each.name}={argument(each.type.name)}' for each in parameters)})"
+    used = call if WORDS[name].result == "bool" else rng.choice(USES).format(call, argument(WORDS[name].result))
+    return used if rng.random() < 0.8 else f"All(all_boxes, lambda b: {used.replace('all_items', 'b')})"
+
+
+@pytest.mark.parametrize("count", [8, pytest.param(80, marks=pytest.mark.long)])
+def test_every_word__with_arguments_of_any_type_has_the_reference_evaluators_value(count: int) -> None:
+    rng = random.Random(count)
+    probes = scenes(rng)
+    evaluated = generated = 0
+    cases: list[tuple[str, Scene, bool | str]] = []
+    for name in sorted(WORDS):
+        for source in sorted({odd_program(rng, name) for _ in range(count)}):
+            try:
+                program = Program(source)
+            except ProgramError:
+                continue
+            evaluated += 1
+            generated += program.has_generated_code
+            for scene in probes:
+                assert_agreement(program, scene)
+            cases.append((source, probes[2], value(program, probes[2], reference=True)))
+    assert evaluated > 8 * count
+    assert generated > count
+    assert not list(batch_differences("scatter", cases[::8]))
+
+
+@pytest.mark.parametrize(
+    ("source", "truth"),
+    [
+        ("count({Shape.TRIANGLE, Color.BLACK}) == 2", True),
+        ("exist({Size.BIG, Side.TOP})", True),
+        ("equal_set([Color.BLUE, Shape.CIRCLE], {Shape.CIRCLE, Color.BLUE})", True),
+        ("count(union([Color.BLUE, Shape.CIRCLE], {Color.BLUE})) == 1", False),
+        ("Color.BLUE in {Color.BLUE, all_boxes[0]}", True),
+        ("count(set([all_boxes[0], Color.BLUE])) == 2", True),
+    ],
+)
+def test_sets_of_values_of_several_kinds__have_the_reference_evaluators_value(source: str, truth: bool) -> None:
+    program = Program(source)
+    assert [program(Scene.of([], [], [Item(n, 0, Shape.CIRCLE, Colour.BLUE, Size.SMALL)])) for n in range(4)] == [
+        truth
+    ] * 4
+    assert [program.evaluate(scene) for scene in scenes(random.Random(0))] == [truth] * 5

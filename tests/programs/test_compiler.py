@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, explain_program
+from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, compiler, explain_program
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
 
@@ -72,6 +72,14 @@ def test_program__that_could_exceed_the_step_limit_has_no_generated_code() -> No
     )
     assert not program.has_generated_code
     assert program(scene_of(5)) is True
+
+
+def test_program__is_evaluated_by_the_generator_registered_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = Program("count(all_items) == 1")
+    monkeypatch.setattr(compiler, "_GENERATORS", [lambda tree: lambda scene: True])
+    assert [program(scene_of(count)) for count in range(2, 6)] == [False, False, True, True]
+    monkeypatch.setattr(compiler, "_GENERATORS", [])
+    assert not Program("count(all_items) == 2").has_generated_code
 
 
 def test_explain_program__good_and_bad_sources() -> None:

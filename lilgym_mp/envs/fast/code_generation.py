@@ -133,8 +133,9 @@ class Generator:
             steps, self.context.steps_left = before - self.context.steps_left, before
             code = value.code if isinstance(value, ir.Bool) else value.mask
             self.context.size_left -= code.size
-            kernel = printing.kernel(code) if self.context.size_left >= 0 else ir.unsupported("too long")
-            use = self.context.kernels[key] = _KernelUse(kernel, value.total, steps)
+            if self.context.size_left < 0:
+                ir.unsupported("too long")
+            use = self.context.kernels[key] = _KernelUse(printing.kernel(code), value.total, steps)
         self.charge(use.steps)
         return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
@@ -148,7 +149,9 @@ class Generator:
         """The truthiness of the node's value; with `strict`, the value itself, which must be a bool."""
         if strict:
             value = self.lower(node, scope)
-            return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
+            if not isinstance(value, ir.Bool):
+                ir.unsupported("not a bool")
+            return value
         if isinstance(node, Logic):
             truths = [self.condition(operand, scope) for operand in node.operands]
             return ir.Bool(ir.operate(node.operator, *(truth.code for truth in truths)), ir.all_total(truths))
@@ -185,9 +188,13 @@ class Generator:
             case Subscript(of=of, index=Constant(value=int() as index)) if type(index) is int:
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
-                if isinstance(collection, ir.StaticList) and collection.unconditional:
-                    return collection.elements[index] if index < len(collection.elements) else ir.unsupported()
-                ir.unsupported("subscript")
+                if not isinstance(collection, ir.StaticList) or not collection.unconditional:
+                    ir.unsupported("subscript")
+                if index >= len(collection.elements):
+                    ir.unsupported("an index out of range")
+                if len(collection.elements) > 1:
+                    ir.settled(collection)
+                return collection.elements[index]
             case Member():
                 return self.member(node, scope)
             case Display(kind=kind, elements=elements):
@@ -209,8 +216,10 @@ class Generator:
                 return ir.Bool(ir.BoxCall(of.box, "is_tower", box_functions.is_tower))
             return ir.Items((ir.BoxItems(of.box, None),), ordered=True)
         if isinstance(of, ir.ItemRef):
+            if node.name == "box" and not of.total:
+                ir.unsupported("box of an item that may not exist")
             if node.name == "box":
-                return ir.BoxRef(of.box) if of.total else ir.unsupported("box of an item that may not exist")
+                return ir.BoxRef(of.box)
             if node.name in ir.ATTRIBUTE_TYPES:
                 return ir.attribute_of(of, node.name)
         ir.unsupported("member")
@@ -314,7 +323,9 @@ class Generator:
 
     def function(self, node: Node | None) -> Lambda:
         """The lambda that the node is, or stands for."""
-        found = self.context.lambdas.get(id(node)) or as_lambda(cast("Node", node), "x") or ir.unsupported("function")
+        found = self.context.lambdas.get(id(node)) or as_lambda(cast("Node", node), "x")
+        if found is None:
+            ir.unsupported("function")
         return self.context.lambdas.setdefault(id(node), found)
 
     def quantifier(self, node: Call, scope: ir.Scope) -> ir.Value:
@@ -357,7 +368,9 @@ class Generator:
         return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
 
     def combinations(self, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
-        size = k.code.value if isinstance(k, ir.Int) and isinstance(k.code, ir.Number) else ir.unsupported("size")
+        if not isinstance(k, ir.Int) or not isinstance(k.code, ir.Number):
+            ir.unsupported("size")
+        size = k.code.value
         if isinstance(s, ir.Items) and size in (2, 3):
             count = math.comb(ir.MAX_ITEMS, size)
             if len({part.box for part in s.parts}) != len(s.parts) or count > costs.SIZE_LIMIT:
@@ -367,7 +380,7 @@ class Generator:
             return ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
         if not isinstance(s, ir.StaticList) or not s.unconditional:
             ir.unsupported("combinations")
-        count = math.comb(len(s.elements), size)
+        count = math.comb(len(ir.settled(s).elements), size)
         if count > MAX_TUPLES:
             ir.unsupported("combinations of many")
         self.charge(costs.SUBSET_ELEMENT * (1 + size) * (1 + count) * ir.max_elements(s))
@@ -407,7 +420,7 @@ class Generator:
         if not isinstance(collection, ir.StaticList):
             ir.unsupported("all_same_attribute")
         terms: list[tuple[ir.Code, ir.Int | ir.Bool]] = []
-        for element, condition in zip(collection.elements, collection.conditions, strict=True):
+        for element, condition in zip(ir.settled(collection).elements, collection.conditions, strict=True):
             self.charge_lambda(function.body)
             value = self.lower(function.body, {**scope, function.parameter: element})
             if not isinstance(value, ir.Int | ir.Bool) or not value.total:
@@ -425,7 +438,7 @@ class Generator:
         self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
     ) -> ir.StaticList:
         conditions: list[ir.Bool] = []
-        for element, before in zip(collection.elements, collection.conditions, strict=True):
+        for element, before in zip(ir.settled(collection).elements, collection.conditions, strict=True):
             condition = self.element_condition(function, element, scope, strict=strict)
             if before != ir.TRUE:
                 condition = ir.Bool(ir.operate("and", before.code, condition.code), before.total and condition.total)

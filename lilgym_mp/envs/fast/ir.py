@@ -321,10 +321,13 @@ def static_list(elements: Iterable[Value]) -> StaticList:
 
 
 def attribute_set(values: Iterable[Value]) -> AttributeSet:
-    """The set of values of one attribute."""
-    listed = [value for value in values if isinstance(value, AttributeValue) or unsupported("set")]
-    (enum,) = {value.enum for value in listed} or unsupported("set")
-    return AttributeSet(bits_at(value.code for value in listed), all_total(listed), enum=enum)
+    """The set of values of one attribute. Raises Unsupported when it is empty, or has values of another kind."""
+    listed = list(values)
+    found = [value for value in listed if isinstance(value, AttributeValue)]
+    enums = {value.enum for value in found}
+    if len(found) < len(listed) or len(enums) != 1:
+        unsupported("set")
+    return AttributeSet(bits_at(value.code for value in found), all_total(found), enum=enums.pop())
 
 
 def all_total(values: Iterable[Any]) -> bool:
@@ -358,14 +361,23 @@ def as_truth(value: Value) -> Bool:
         case Items() | StaticList() | Combinations() as collection:
             return existence(collection)
         case _:
-            return TRUE if value.total else unsupported("truth of a value that may raise")
+            if not value.total:
+                unsupported("truth of a value that may raise")
+            return TRUE
+
+
+def settled(value: StaticList) -> StaticList:
+    """The list. Raises Unsupported if an element may fail, which code that does not use the element would not see."""
+    if not all_total(value.elements):
+        unsupported("an element that may raise")
+    return value
 
 
 def existence(value: Items | StaticList | Combinations) -> Bool:
     if isinstance(value, Combinations):
         codes = [operate("!=", value.count, Number(0))]
     elif isinstance(value, StaticList):
-        codes = [condition.code for condition in value.conditions]
+        codes = [condition.code for condition in settled(value).conditions]
     else:
         codes = [part.nonempty for part in value.parts]
     return Bool(operate("or" if value.total else "|", *codes), value.total) if codes else FALSE
@@ -396,8 +408,10 @@ def equality(left: Value, right: Value) -> Bool:
         case (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) if left.enum is right.enum:
             return Bool(operate("==", left.code, right.code), total)
         case (StaticList(), StaticList()) if left.unconditional and right.unconditional:
+            if len(left.elements) != len(right.elements) and not total:
+                unsupported("an element that may raise")
             if len(left.elements) != len(right.elements):
-                return FALSE if total else unsupported("an element that may raise")
+                return FALSE
             same = (equality(*pair).code for pair in zip(left.elements, right.elements, strict=True))
             return conjunction((TRUE.code, *same), total=total)
         case (Items(), Items()) if left.ordered == right.ordered:

@@ -29,7 +29,7 @@ def _lower_count(s: ir.Value) -> ir.Int:
             return ir.Int(s.count, s.total)
         case ir.StaticList():
             present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
-            for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
+            for index, (element, condition) in enumerate(zip(ir.settled(s).elements, s.conditions, strict=True)):
                 if isinstance(element, ir.AttributeValue):
                     ir.unsupported("count of attributes")
                 present.setdefault(element if isinstance(element, ir.BoxRef) else index, []).append(condition.code)
@@ -42,7 +42,7 @@ def _lower_count(s: ir.Value) -> ir.Int:
 def _lower_len(s: ir.Value) -> ir.Int:
     if not isinstance(s, ir.StaticList):
         return _lower_count(s)
-    return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in s.conditions)), s.total)
+    return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in ir.settled(s).conditions)), s.total)
 
 
 def _lower_unique(s: ir.Value) -> ir.ItemRef:
@@ -90,7 +90,9 @@ def _lower_equal_set(a: ir.Value, b: ir.Value) -> ir.Bool:
 
 
 def _lower_query(attribute: str, x: ir.Value) -> ir.StaticList:
-    return ir.static_list([ir.attribute_of(x, attribute)]) if isinstance(x, ir.ItemRef) else ir.unsupported()
+    if not isinstance(x, ir.ItemRef):
+        ir.unsupported("query")
+    return ir.static_list([ir.attribute_of(x, attribute)])
 
 
 def _lower_values(attribute: str, s: ir.Value) -> ir.AttributeSet:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.common.learners import PACKAGES, shipped_agents
+from lilgym_mp.learning.common.learners import LEARNERS, shipped_agents
 from lilgym_mp.learning.common.model_file import (
     ModelDescription,
     ModelFileError,
@@ -130,9 +129,9 @@ def open_agent(path: Path, device: str = "auto") -> Agent:
     """
     path = agent_file(path)
     kind = load_model(path)[0].kind
-    if kind not in PACKAGES:
-        raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(PACKAGES))}")
-    return import_module(f"{PACKAGES[kind]}.agent").load_agent(path, device)
+    if kind not in LEARNERS:
+        raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LEARNERS))}")
+    return LEARNERS[kind]().load_agent(path, device)
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:

@@ -1,39 +1,32 @@
 """The learners: what training, evaluation, experiments and reports need to know of each. Imports no torch.
 
-Adding a learner takes a line in PACKAGES and a package with two modules: `learner`, which imports no torch either and
-defines LEARNER, and whose docstring is the help of its command; and `agent`, whose function `load_agent` of a model
-file and a device returns the Agent.
+Adding a learner takes an entry in LEARNERS and a module, which imports no torch either, that describes it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.policies import GREEDY
 from lilgym_mp.learning.common.recipes import Recipe, RunOptions
 from lilgym_mp.scene.choices import choose
 
-PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model files
-    "parse-and-plan": "lilgym_mp.learning.parsing",
-    "imitation": "lilgym_mp.learning.imitation",
-    "ppo": "lilgym_mp.learning.ppo",
-    "reward-model": "lilgym_mp.learning.reward_model",
-    "game": "lilgym_mp.learning.game",
-}
-
 
 @dataclass(frozen=True)
 class Learner:
-    """One way to train agents: hyperparameters, the other options of a run, and the function that trains."""
+    """One way to train agents: hyperparameters, the other options of a run, and functions, which may import torch."""
 
     recipe: type[Recipe]
     options: type[RunOptions]
-    train: str  # "module:function" of the configuration, recipe, run directory and options; returns the agent
+    train: Callable[..., Any]  # of the configuration, recipe, run directory and options; returns the agent
+    load_agent: Callable[[Path, str], Any]  # the Agent in a model file, on a device
+    text: str | None  # help of its command: a line, an empty line, and the description
     config: type[EnvConfig] | None = EnvConfig  # None: one agent plays all configurations of the option `corpus`
     directory: str = "{learner}-{configuration}"  # default name of a run's
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
@@ -56,6 +49,8 @@ class Learner:
         return unit, getattr(options if unit in self.options.names() else recipe, unit)
 
 
+# By name, which is also the kind of its model files; each is imported when it is used.
+LEARNERS: dict[str, Callable[[], Learner]] = {}
 SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
 
 
@@ -67,4 +62,4 @@ def shipped_agents() -> tuple[str, ...]:
 
 def find_learner(name: str) -> Learner:
     """Raises ValueError naming the choices."""
-    return import_module(f"{choose('learner', name, PACKAGES)}.learner").LEARNER
+    return choose("learner", name, LEARNERS)()

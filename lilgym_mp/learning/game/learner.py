@@ -47,4 +47,16 @@ class GameOptions(RunOptions):
         return {**RunOptions.remembered.__func__(cls, saved), **partners}
 
 
-LEARNER = Learner(GameRecipe, GameOptions, "lilgym_mp.learning.game.training:train_game", config=GameSettings)
+def _train(*arguments: Any, **options: Any) -> Any:
+    from lilgym_mp.learning.game.training import train_game
+
+    return train_game(*arguments, **options)
+
+
+def _load_agent(path: Path, device: str) -> Any:
+    from lilgym_mp.learning.game.agent import GameAgent
+
+    return GameAgent.load(path, device)
+
+
+LEARNER = Learner(GameRecipe, GameOptions, _train, _load_agent, __doc__, config=GameSettings)

@@ -200,9 +200,6 @@ class ImitationAgent(Agent):
         return _ImagePolicy(self, dynamics, rule, sampled=sampled or rule.sampled)
 
 
-load_agent = ImitationAgent.load
-
-
 class _ImagePolicy(Policy):
     """The network on images, which `perception` reads into boxes; it stops where one cannot be read."""
 

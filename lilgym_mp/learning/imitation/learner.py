@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
@@ -68,4 +68,16 @@ class ImitationOptions(UpdateBudget):
     teacher: Path | None = setting(None, _TEACHER, kind=Path, metavar="RUN")
 
 
-LEARNER = Learner(ImitationRecipe, ImitationOptions, "lilgym_mp.learning.imitation.training:train_imitation")
+def _train(*arguments: Any, **options: Any) -> Any:
+    from lilgym_mp.learning.imitation.training import train_imitation
+
+    return train_imitation(*arguments, **options)
+
+
+def _load_agent(path: Path, device: str) -> Any:
+    from lilgym_mp.learning.imitation.agent import ImitationAgent
+
+    return ImitationAgent.load(path, device)
+
+
+LEARNER = Learner(ImitationRecipe, ImitationOptions, _train, _load_agent, __doc__)

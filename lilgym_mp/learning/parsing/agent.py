@@ -39,6 +39,3 @@ class ParseAndPlanAgent(Agent):
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""
         return PlanPolicy(self.planner(settings))
-
-
-load_agent = ParseAndPlanAgent.load

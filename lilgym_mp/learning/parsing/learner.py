@@ -7,6 +7,8 @@ pixels, and plans for the most likely programs. Takes some minutes on one CPU co
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from lilgym_mp.envs.config import CORPUS_HELP
 from lilgym_mp.learning.common.learners import Learner
@@ -33,6 +35,16 @@ class ParserOptions(RunOptions):
     corpus: str = setting("builtin", CORPUS_HELP, metavar="CORPUS")
 
 
-LEARNER = Learner(
-    ParserRecipe, ParserOptions, "lilgym_mp.learning.parsing.training:train_parser", config=None, directory="{learner}"
-)
+def _train(*arguments: Any, **options: Any) -> Any:
+    from lilgym_mp.learning.parsing.training import train_parser
+
+    return train_parser(*arguments, **options)
+
+
+def _load_agent(path: Path, device: str) -> Any:
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+
+    return ParseAndPlanAgent.load(path, device)
+
+
+LEARNER = Learner(ParserRecipe, ParserOptions, _train, _load_agent, __doc__, config=None, directory="{learner}")

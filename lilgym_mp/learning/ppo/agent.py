@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from lilgym_mp.scene.arrays import BoolArray, Int64Array
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
 MAX_CACHED_BOXES = 50_000
-PRETRAINED = "lilgym_mp.contrib.pretrained"  # module of the paper's models, imported when one is used
 
 
 def make_model(
@@ -48,8 +46,11 @@ def make_model(
             f"{appearance.action_count:,} actions are too many for a flat policy, which takes at most {MAX_ACTIONS:,};"
             " choose a coarser grid"
         )
+    make: Callable[[bool, bool], Model]
     if recipe.model in TRANSFORMERS:
-        make = import_module(PRETRAINED).model_maker(recipe.model, appearance, weights, details)
+        from lilgym_mp.learning.ppo.pretrained import model_maker  # the paper's models
+
+        make = model_maker(recipe.model, appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
@@ -57,9 +58,10 @@ def make_model(
         sizes = {} if details is None else details["sizes"]
         separators = recipe.model == "ours-separators"
 
-        def make(has_actor: bool, has_critic: bool) -> Model:  # it has both
+        def ours(has_actor: bool, has_critic: bool) -> Model:  # it has both
             return BoxTransformer(appearance, words, separators=separators, **sizes)
 
+        make = ours
     if recipe.critic == "separate":
         return SeparateCritic(make(True, False), make(False, True))
     return make(True, True)
@@ -117,9 +119,6 @@ class PPOAgent(Agent):
     def box_transformers(self) -> Mapping[str, BoxTransformer]:
         actor = self.network.actor if isinstance(self.network, SeparateCritic) else self.network
         return {SHARED: actor} if isinstance(actor, BoxTransformer) else super().box_transformers()
-
-
-load_agent = PPOAgent.load
 
 
 def describe(

@@ -149,10 +149,24 @@ class PPOOptions(RunOptions):
     evaluate_every: int | None = setting(None, _EVALUATIONS, 1, kind=int)
 
 
+def _train(*arguments: Any, **options: Any) -> Any:
+    from lilgym_mp.learning.ppo.training import train_ppo
+
+    return train_ppo(*arguments, **options)
+
+
+def _load_agent(path: Path, device: str) -> Any:
+    from lilgym_mp.learning.ppo.agent import PPOAgent
+
+    return PPOAgent.load(path, device)
+
+
 LEARNER = Learner(
     PPORecipe,
     PPOOptions,
-    "lilgym_mp.learning.ppo.training:train_ppo",
+    _train,
+    _load_agent,
+    __doc__,
     directory="{configuration}",
     action_modes=(GREEDY, SAMPLED),  # the most probable first action may be STOP
 )

@@ -7,7 +7,8 @@ for a scene where it is sure of the target. One agent plays both starts of an ap
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
@@ -51,4 +52,16 @@ class RewardModelOptions(UpdateBudget):
     updates: int = setting(25_000, "updates of the optimiser", 1)
 
 
-LEARNER = Learner(RewardModelRecipe, RewardModelOptions, "lilgym_mp.learning.reward_model.training:train_reward_model")
+def _train(*arguments: Any, **options: Any) -> Any:
+    from lilgym_mp.learning.reward_model.training import train_reward_model
+
+    return train_reward_model(*arguments, **options)
+
+
+def _load_agent(path: Path, device: str) -> Any:
+    from lilgym_mp.learning.reward_model.agent import load_agent
+
+    return load_agent(path, device)
+
+
+LEARNER = Learner(RewardModelRecipe, RewardModelOptions, _train, _load_agent, __doc__)

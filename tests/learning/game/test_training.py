@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import main
+from lilgym_mp.cli.training import resumed
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.observation import scene_of
 from lilgym_mp.envs.proposer_verifier import (
@@ -27,7 +28,6 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER

@@ -14,7 +14,6 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from lilgym_mp.contrib.pretrained import C3, C10, ConvolutionsAndBert, scene_images
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
@@ -24,6 +23,7 @@ from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.ppo import training
 from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.learner import PPORecipe
+from lilgym_mp.learning.ppo.pretrained import C3, C10, ConvolutionsAndBert, scene_images
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 
@@ -142,7 +142,7 @@ def test_windows__give_the_features_and_gradients_of_whole_images(
     appearance = Tower() if configuration == "TowerFlipIt" else Scatter()
     model = ConvolutionsAndBert(encoder, layers, appearance, has_actor=False, has_critic=True)
     for most_scenes, count in ((9_999, 3), (9_999, 20), (9_999, 40), (0, 30)):  # whole images; a growing, a new table
-        monkeypatch.setattr("lilgym_mp.contrib.pretrained.MOST_SCENES", most_scenes)
+        monkeypatch.setattr("lilgym_mp.learning.ppo.pretrained.MOST_SCENES", most_scenes)
         states, _ = seen(configuration, count)
         assert (len(model.inputs(states)[0]) > 1) == (count > 3)
         found: list[list[torch.Tensor]] = []
@@ -276,7 +276,7 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
 def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     from transformers import BertModel
 
-    from lilgym_mp.contrib.pretrained import FrozenBert
+    from lilgym_mp.learning.ppo.pretrained import FrozenBert
 
     encoder = FrozenBert(tiny["bert"])
     found = encoder.vectors(["There is a block.", "blue"], torch.device("cpu"))

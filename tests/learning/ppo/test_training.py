@@ -17,11 +17,11 @@ import pytest
 import torch
 from torch import Tensor
 
+from lilgym_mp.cli.training import resumed
 from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import shlex
 from functools import cache, partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.cli import options
+from lilgym_mp.cli.options import CommandError, given_options
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation import CONFIGURATIONS, options
-from lilgym_mp.evaluation.options import CommandError, given_options
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.run_directory import RUN_FILE, TrainingRunError, begin_run, check_same
@@ -53,10 +53,9 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
             if isinstance(value, int | float):
                 board().add_scalar(name, value, getattr(line, unit))
 
-    module, function = learner.train.split(":")
     with Progress(int(total), unit, None if args.resume else 0, doing=f"{name}: preparing data") as bar:
         try:
-            getattr(import_module(module), function)(
+            learner.train(
                 *([] if settings is None else [settings]),
                 recipe=recipe,
                 out=directory,
@@ -80,9 +79,10 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
 def _summary_writer() -> Any:
     """The class that writes TensorBoard's files. Raises CommandError without TensorBoard."""
     try:
-        return import_module("torch.utils.tensorboard").SummaryWriter
+        from torch.utils.tensorboard import SummaryWriter
     except ModuleNotFoundError as error:
         raise CommandError(f"--tensorboard needs {error.name}: pip install {error.name}") from None
+    return SummaryWriter
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:

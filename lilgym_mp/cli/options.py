@@ -30,9 +30,9 @@ class CommandError(Exception):
     """An error that the user can correct; only its message is printed, without a traceback."""
 
 
-def help_of(module: str) -> dict[str, Any]:
-    """The help of a command, from its module's docstring: its first line in lists of commands, the rest in its own."""
-    summary, _, description = (import_module(module).__doc__ or "").strip().partition("\n\n")
+def help_of(text: str | None) -> dict[str, Any]:
+    """The help of a command: the text's first line in lists of commands, the rest in its own."""
+    summary, _, description = (text or "").strip().partition("\n\n")
     return {"help": summary[:1].lower() + summary[1:-1], "description": description}
 
 
@@ -66,7 +66,7 @@ def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, S
     """
     for name, place in modules.items():
         module = import_module(place)
-        command = commands.add_parser(name, **help_of(place))
+        command = commands.add_parser(name, **help_of(module.__doc__))
         command.set_defaults(run=getattr(module, "run", None))
         module.add_options(command, *(more or {}).get(name, ()))
 
