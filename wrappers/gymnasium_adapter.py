@@ -178,6 +178,10 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """(N, actions) bool, a new array: the legal actions after this wrapper and the wrapped ones."""
         return self.transformation.action_masks(self._state)
 
+    def goal_reached(self) -> BoolArray:
+        """(N,) a new array: whether STOP would be rewarded +1 now."""
+        return self._base.goal_reached()
+
     def _transformed(self, observations: Batch) -> Batch:
         if not self.transformation.changes_observations:
             return observations
