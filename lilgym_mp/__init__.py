@@ -2,58 +2,61 @@
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
-__all__ = ["action_masks", "load_agent"]
-__version__ = "0.1.0"
-
-# In a checkout `wrappers` and `data` lie beside the package, not in it (pyproject.toml: package-dir).
+# A checkout has `wrappers` and `data` beside the package; installing it links them (scripts/build_backend.py).
 if not Path(__file__).with_name("wrappers").is_dir():
-    __path__.append(str(Path(__file__).resolve().parents[1]))
+    checkout = Path(__file__).resolve().parents[1]
+    raise ImportError(
+        f"lilgym_mp is not installed from the checkout {checkout}: run `pip install -e .` or `make install` there"
+        " (or start Python in another directory, to use an installed copy)"
+    )
 
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
+from lilgym_mp.submodules import submodule_getter
+
+__all__ = ["action_masks", "load_agent"]
+__version__ = "0.1.0"
+
+PUBLIC_MODULES = (
+    "contrib",
+    "corpus",
+    "envs",
+    "evaluation",
+    "learning",
+    "perception",
+    "programs",
+    "sb3",
+    "scene",
+    "solver",
+    "testing",
+    "wrappers",
+)
 
 register_all()
+__getattr__ = submodule_getter(__name__)
 
 
-class _Package(ModuleType):
-    """A package whose modules are imported on first use, such as `lilgym_mp.envs.workers` after `import lilgym_mp`."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or find_spec(f"{self.__name__}.{name}") is None:
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        return import_module(f"{self.__name__}.{name}")
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Python calls this with each module of the package that it has imported."""
-        super().__setattr__(name, value)
-        if isinstance(value, ModuleType) and hasattr(value, "__path__") and value.__name__ == f"{self.__name__}.{name}":
-            _import_lazily(value)
-
-
-def _import_lazily(package: ModuleType) -> None:
-    """Makes a package, and those of its packages that have been imported, a `_Package`."""
-    package.__class__ = _Package
-    for name, part in list(vars(package).items()):
-        setattr(package, name, part)
-
-
-_import_lazily(sys.modules[__name__])
+def __dir__() -> list[str]:
+    return sorted([*__all__, *PUBLIC_MODULES, "__version__"])
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:
-    """A trained agent that comes with the package, such as "parse-and-plan"; needs the extra `train`.
+    """A trained agent that comes with the package; needs the extra `train`.
 
-    `agent.policy(Settings("TowerFlipIt"))` plays; `device`: auto, cpu or cuda. Raises ValueError naming the choices.
+    `agent.policy(Settings("TowerFlipIt"))`, with `Settings` of `lilgym_mp.evaluation`, gives its policy.
+
+    Args:
+        name: The agent's name, such as "parse-and-plan".
+        device: "auto", "cpu" or "cuda".
+
+    Raises:
+        ValueError: For an unknown agent or device; the message names the choices.
     """
     from lilgym_mp.learning.common import agents
 

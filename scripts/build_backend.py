@@ -1,5 +1,8 @@
-"""setuptools' build backend, with editable installs that editors understand: folders that links lead to, with
-`wrappers` and `data` in the package."""
+"""setuptools' build backend, with editable installs that editors understand and that work from the checkout's root.
+
+An editable install makes two links, `lilgym_mp/wrappers` and `lilgym_mp/data`, to the folders beside the package, and
+one link to the package itself, in a folder that is added to Python's path.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,16 @@ prepare_metadata_for_build_wheel = build_meta.prepare_metadata_for_build_wheel
 def build_editable(
     wheel_directory: str, config_settings: dict[str, Any] | None = None, metadata_directory: str | None = None
 ) -> str:
-    """`pip install -e .` in setuptools' mode "strict", with whole packages linked, so that new modules are found."""
+    """`pip install -e .` in setuptools' mode "strict", with the whole package linked, so that new modules are found."""
     settings = {"editable_mode": "strict", **(config_settings or {})}
-    wheel = build_meta.build_editable(wheel_directory, settings, metadata_directory)
     root = Path.cwd()
+    links = [root / "lilgym_mp" / name for name in ("wrappers", "data")]
+    for link in links:
+        link.unlink(missing_ok=True)
+    wheel = build_meta.build_editable(wheel_directory, settings, metadata_directory)
+    for link in links:
+        link.symlink_to(Path("..", link.name), target_is_directory=True)
     for tree in root.glob("build/__editable__.*/lilgym_mp"):
-        for folder in [path for path in tree.iterdir() if path.is_dir() and not path.is_symlink()]:
-            shutil.rmtree(folder)
-            inside = root / "lilgym_mp" / folder.name
-            folder.symlink_to(inside if inside.is_dir() else root / folder.name, target_is_directory=True)
+        shutil.rmtree(tree)
+        tree.symlink_to(root / "lilgym_mp", target_is_directory=True)
     return wheel

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+import lilgym_mp
 from lilgym_mp import cli
 from lilgym_mp.corpus import extras
 from tests.scripts import load_script
@@ -27,6 +28,8 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
+PACKAGE_NODES, TEST_NODES = 357_000, 205_000  # most syntax nodes; lower them as code goes
+PAGE_AND_DATA_LINES = 2_130 + 1_774  # most lines of JavaScript, CSS and HTML, and of TOML in data
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 WITHOUT_NUMBA = """
 import sys
@@ -131,6 +134,39 @@ def test_packaging__wrappers_and_data_are_imported_from_the_package(layout: str,
     assert all(Path(path).is_relative_to(place) for path in done.stdout.splitlines()), done.stdout
 
 
+def test_packaging__a_checkout_that_is_not_installed_says_how_to_install_it(tmp_path: Path):
+    shutil.copytree(ROOT / "lilgym_mp", tmp_path / "lilgym_mp", ignore=shutil.ignore_patterns("wrappers", "data"))
+    done = _run(sys.executable, "-c", "import lilgym_mp", cwd=tmp_path)
+    assert done.returncode == 1
+    message = done.stderr.splitlines()[-1]
+    assert message.startswith("ImportError")
+    assert str(tmp_path) in message
+    assert "pip install -e ." in message
+
+
+def test_packaging__nothing_beside_the_package_is_imported_from_it():
+    program = """if True:
+        from importlib.util import find_spec
+        import lilgym_mp
+        print([name for name in ("lilgym_mp", "tests", "examples") if find_spec(f"lilgym_mp.{name}")])
+        print(type(lilgym_mp).__name__)
+        print(lilgym_mp.envs.workers.__name__, lilgym_mp.learning.common.agents.__name__)
+    """
+    done = _run(sys.executable, "-c", program)
+    assert done.stdout.splitlines() == [
+        "[]",
+        "module",
+        "lilgym_mp.envs.workers lilgym_mp.learning.common.agents",
+    ]
+
+
+def test_import__shows_what_users_use():
+    assert {"action_masks", "load_agent", "envs", "wrappers", "sb3"} <= set(dir(lilgym_mp))
+    assert not {"Path", "TYPE_CHECKING", "annotations"} & set(dir(lilgym_mp))
+    for name in dir(lilgym_mp):
+        assert getattr(lilgym_mp, name) is not None
+
+
 def test_import__loads_nothing_heavy():
     program = f"import sys, lilgym_mp; print(*sorted(sys.modules.keys() & set({HEAVY!r})))"
     done = _run(sys.executable, "-c", program)
@@ -159,6 +195,13 @@ def test_program__has_code_generated_only_once_it_is_evaluated_often():
 def test_package__loads_few_lines_for_a_use(use: str, limit: int):
     lines, _ = load_script("print_closures").closure(use)
     assert lines <= limit
+
+
+def test_code__stays_within_its_budgets():
+    sizes = load_script("print_closures")
+    assert sizes.nodes(sizes.python_files("lilgym_mp", "wrappers")) <= PACKAGE_NODES
+    assert sizes.nodes(sizes.python_files("tests")) <= TEST_NODES
+    assert sizes.page_lines() + sizes.data_lines() <= PAGE_AND_DATA_LINES
 
 
 @pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])

@@ -122,3 +122,53 @@ except ImportError as fault:
         "['proposer_0', 'verifier_0']",
         f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
     ], done.stderr
+
+
+# A script as in docs/wrappers.md: `make` refers to modules of `__main__`, which cloudpickle copies with it.
+SCRIPT = """
+import gymnasium as gym
+import lilgym_mp
+from lilgym_mp import envs, learning, programs, sb3, wrappers as w
+
+def make():
+    assert lilgym_mp.envs is envs and learning.common and programs and sb3
+    return w.tokenized_statement_v0(gym.make("lilgym_mp/TowerFlipIt-v0"))
+
+if __name__ == "__main__":
+    {use}
+"""
+USES = {
+    "SB3's SubprocVecEnv": """
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+    env = SubprocVecEnv([make, make], start_method="spawn")
+    env.reset()
+    print(env.step([0, 0])[2].tolist())
+    env.close()""",
+    "Gymnasium's AsyncVectorEnv": """
+    env = gym.vector.AsyncVectorEnv([make, make], context="spawn")
+    env.reset(seed=0)
+    print(env.step([0, 0])[2].tolist())
+    env.close()""",
+    "Ray": """
+    import ray
+    ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
+
+    @ray.remote
+    def play():
+        env = make()
+        env.reset(seed=0)
+        return [env.step(0)[2]] * 2
+
+    print(ray.get(play.remote()))
+    ray.shutdown()""",
+}
+NEEDED = {"SB3's SubprocVecEnv": "stable_baselines3", "Ray": "ray"}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use: str, tmp_path: Path):
+    pytest.importorskip(NEEDED.get(use, "gymnasium"), reason=f"needs the package {NEEDED.get(use)}")
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(use=USES[use].strip()))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.stdout.splitlines()[-1:] == ["[True, True]"], done.stderr
