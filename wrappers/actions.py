@@ -35,6 +35,8 @@ class ActionMask(EnvWrapper[MaskInfo]):
     narrow the mask, such as StopForcing.
     """
 
+    transformation_class = MaskInfo
+
 
 TRAINING_SPLIT = "train"
 FORCED = "forced_stop"  # info key
@@ -96,6 +98,8 @@ class StopForcing(EnvWrapper[Forcing]):
     Raises ValueError for evaluation splits unless `allow_evaluation`, since evaluation is without stop forcing.
     Source: docs/spec.md, "Stop forcing" (PPO+SF).
     """
+
+    transformation_class = Forcing
 
     def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
@@ -170,6 +174,8 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
     combinations of such values may still be illegal. Raises ValueError for other `masks`, and ActionError in `step`
     for an array of the wrong shape or a value out of range.
     """
+
+    transformation_class = ArrayDecoding
 
     def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)

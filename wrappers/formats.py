@@ -70,6 +70,8 @@ class StructuredObservation(EnvWrapper[Items]):
     "image" as well.
     """
 
+    transformation_class = Items
+
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
         super().__init__(env, keep_image=keep_image, slots=slots)
 
@@ -141,6 +143,8 @@ class GridPlanes(EnvWrapper[Planes]):
     `keep_image` keeps "image" as well.
     """
 
+    transformation_class = Planes
+
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)
 
@@ -158,6 +162,8 @@ class Channels(Format):
 
 class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
+
+    transformation_class = Channels
 
 
 class Image(Transformation):
@@ -177,6 +183,8 @@ class ImageObservation(EnvWrapper[Image]):
 
     The statement and the target are left out, so that the agent does not see its task: a baseline at best.
     """
+
+    transformation_class = Image
 
 
 class Tokens(Format):
@@ -203,6 +211,8 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     `length`: None: the longest statement of the train split and a quarter more.
     Raises ValueError if a statement of the environment's tasks is longer, unless `truncate`.
     """
+
+    transformation_class = Tokens
 
     def __init__(
         self,
@@ -272,6 +282,8 @@ class StatementEmbedding(EnvWrapper[Embedding]):
     it cannot be converted to JSON.
     """
 
+    transformation_class = Embedding
+
     def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
         super().__init__(env, encoder=encoder, limit=limit)
 
@@ -291,6 +303,8 @@ class Countdown(Format):
 
 class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
+
+    transformation_class = Countdown
 
 
 class Flattening(Transformation):
@@ -328,3 +342,5 @@ class FlatObservation(EnvWrapper[Flattening]):
 
     Raises WrongEnvironment for a text statement.
     """
+
+    transformation_class = Flattening

@@ -7,7 +7,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
@@ -50,12 +50,6 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     """The base class of wrappers. `gym.make(env.spec)` rebuilds the stack; `action_masks` passes through it."""
 
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
-
-    def __init_subclass__(cls) -> None:
-        """In `class W(EnvWrapper[T])`, T is the transformation's class, unless W names another."""
-        super().__init_subclass__()
-        if "__orig_bases__" in vars(cls) and "transformation_class" not in vars(cls):
-            (cls.transformation_class,) = get_args(vars(cls)["__orig_bases__"][0])
 
     def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
         """`settings`: recorded in the spec and passed to the transformation."""
@@ -178,6 +172,10 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """(N, actions) bool, a new array: the legal actions after this wrapper and the wrapped ones."""
         return self.transformation.action_masks(self._state)
 
+    def goal_reached(self) -> BoolArray:
+        """(N,) a new array: whether STOP would be rewarded +1 now."""
+        return self._base.goal_reached()
+
     def _transformed(self, observations: Batch) -> Batch:
         if not self.transformation.changes_observations:
             return observations
@@ -279,9 +277,15 @@ def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
 
 
 def factory(
-    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]],
+    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]], module: str | None = None
 ) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
-    """A function that applies `wrapper` to any kind of environment and returns the same kind."""
+    """A function that applies a wrapper to any kind of environment and returns the same kind.
+
+    Args:
+        wrapper: A subclass of EnvWrapper. The function is called as it is, in snake case, with "_v0" at the end.
+        module: `__name__` of the module that assigns the function to that name, where pickle finds it. By default the
+            module of the class.
+    """
     assert isinstance(wrapper, type)
     signature = inspect.signature(wrapper)
 
@@ -307,7 +311,8 @@ def factory(
 
     words = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper.__name__)
     wrap.__name__ = wrap.__qualname__ = f"{words.lower()}_v0"  # `NLVRReward` has `nlvr_reward_v0`
-    wrap.__module__ = sys._getframe(1).f_globals["__name__"]  # of the caller, where pickle finds it
-    wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
-    wrap.__signature__ = signature.replace(return_annotation="AnyEnv")  # pyright: ignore[reportFunctionMemberAccess]
+    wrap.__module__ = module or wrapper.__module__
+    wrap.__doc__ = (
+        f"Applies `{wrapper.__name__}` to an environment of any kind; takes its arguments.\n\n{wrapper.__doc__}"
+    )
     return wrap

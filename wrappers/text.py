@@ -320,6 +320,8 @@ class TextObservation(EnvWrapper[TextFormat]):
     `default` that is not an action.
     """
 
+    transformation_class = TextFormat
+
     def __init__(
         self,
         env: gym.Env[Any, Any],

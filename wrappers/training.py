@@ -85,5 +85,7 @@ class PotentialShaping(EnvWrapper[Shaping]):
     Raises ValueError for a discount outside 0 .. 1 or a budget below 1. Source: Ng, Harada, Russell 1999.
     """
 
+    transformation_class = Shaping
+
     def __init__(self, env: gym.Env[Any, Any], discount: float = 1.0, budget: int | None = None) -> None:
         super().__init__(env, discount=discount, budget=budget)

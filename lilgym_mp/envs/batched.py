@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -430,19 +430,3 @@ def batched(single: spaces.Space[Any], count: int) -> Any:
     for name in ("low", "high", "bounded_below", "bounded_above"):
         setattr(box, name, np.broadcast_to(getattr(box, name), shape))
     return box
-
-
-class _OfWrapped:
-    """The wrapped environment's attribute; unlike a property, a wrapper may have its own."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __get__(self, wrapper: Any, owner: object) -> Any:
-        return self if wrapper is None else getattr(wrapper.env, self.name)
-
-
-# Gymnasium's vector wrappers pass on no attributes, and there is no other way to `envs.action_masks()` under them.
-for name in ("action_masks", "goal_reached"):
-    if not hasattr(VectorWrapper, name):
-        setattr(VectorWrapper, name, _OfWrapped(name))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, NoReturn, get_args, get_type_hints
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -31,34 +31,42 @@ class ArraySpec(NamedTuple):
         return -(-math.prod(self.shape) * np.dtype(self.dtype).itemsize // ALIGNMENT) * ALIGNMENT
 
 
+# Metadata of the fields of Buffers: the types of their elements
+INT64 = {"dtype": np.int64}
+INT16 = {"dtype": np.int16}
+INT8 = {"dtype": np.int8}
+UINT8 = {"dtype": np.uint8}
+BOOL = {"dtype": np.bool_}
+
+
 @dataclass
 class Buffers:
     """The arrays of N environments: their actions, and the results of the last step or reset."""
 
-    action: Int64Array  # (N,)
-    image: UInt8Array  # (N, height, width, 3)
-    task: Int64Array  # (N,) index of the current task
-    steps: Int64Array  # (N,) actions taken in the episode
-    result: Int8Array  # (N,) index of the last action's `rules.StepResult`
-    invalid: Int8Array  # (N,) index in INVALID_REASONS, or NO_REASON
-    ended: BoolArray  # (N,) the last action ended the episode
-    started: BoolArray  # (N,) the last call started an episode
-    repeated: BoolArray  # (N,) in evaluation: the task of the ended episode had been evaluated before
-    evaluated: Int64Array  # (N,) in evaluation: tasks completed
-    last_image: UInt8Array  # (N, height, width, 3) final image of the episode that ended (SAME_STEP)
-    last_task: Int64Array  # (N,) likewise
-    last_steps: Int64Array  # (N,) likewise
-    last_items: Int16Array  # (N, 3, capacity, 5) likewise
-    mask: BoolArray  # (N, actions) on demand
-    goal: BoolArray  # (N,) on demand
-    items: Int16Array  # (N, 3, capacity, 5) on demand
+    action: Int64Array = field(metadata=INT64)  # (N,)
+    image: UInt8Array = field(metadata=UINT8)  # (N, height, width, 3)
+    task: Int64Array = field(metadata=INT64)  # (N,) index of the current task
+    steps: Int64Array = field(metadata=INT64)  # (N,) actions taken in the episode
+    result: Int8Array = field(metadata=INT8)  # (N,) index of the last action's `rules.StepResult`
+    invalid: Int8Array = field(metadata=INT8)  # (N,) index in INVALID_REASONS, or NO_REASON
+    ended: BoolArray = field(metadata=BOOL)  # (N,) the last action ended the episode
+    started: BoolArray = field(metadata=BOOL)  # (N,) the last call started an episode
+    repeated: BoolArray = field(metadata=BOOL)  # (N,) in evaluation: the ended episode's task had been evaluated before
+    evaluated: Int64Array = field(metadata=INT64)  # (N,) in evaluation: tasks completed
+    last_image: UInt8Array = field(metadata=UINT8)  # (N, height, width, 3) of the episode that ended (SAME_STEP)
+    last_task: Int64Array = field(metadata=INT64)  # (N,) likewise
+    last_steps: Int64Array = field(metadata=INT64)  # (N,) likewise
+    last_items: Int16Array = field(metadata=INT16)  # (N, 3, capacity, 5) likewise
+    mask: BoolArray = field(metadata=BOOL)  # (N, actions) on demand
+    goal: BoolArray = field(metadata=BOOL)  # (N,) on demand
+    items: Int16Array = field(metadata=INT16)  # (N, 3, capacity, 5) on demand
 
     def slice(self, first: int, stop: int) -> Buffers:
         """Views of the arrays of environments first .. stop - 1."""
         return Buffers(**{name: array[first:stop] for name, array in self.arrays()})
 
     def arrays(self) -> Iterator[tuple[str, Any]]:
-        return ((field.name, getattr(self, field.name)) for field in fields(self))
+        return ((each.name, getattr(self, each.name)) for each in fields(self))
 
     @classmethod
     def new(cls, array_specs: Mapping[str, ArraySpec]) -> Buffers:
@@ -80,20 +88,12 @@ def buffer_specs(
     kept = num_envs if autoreset is AutoresetMode.SAME_STEP else 0
     rows = {"image": image_shape(image_size), "mask": (actions,), "items": (BOX_COUNT, capacity, len(Item._fields))}
     return {
-        name: ArraySpec(
-            (kept if name.startswith("last_") else num_envs, *rows.get(name.removeprefix("last_"), ())), dtype
+        each.name: ArraySpec(
+            (kept if each.name.startswith("last_") else num_envs, *rows.get(each.name.removeprefix("last_"), ())),
+            each.metadata["dtype"],
         )
-        for name, dtype in _DTYPES.items()
+        for each in fields(Buffers)
     }
-
-
-def _scalar(annotation: Any) -> Any:
-    """T of NDArray[T], which is ndarray[shape, dtype[T]]; from NumPy 2.5 on, its last argument is T itself."""
-    last = get_args(annotation)[-1]
-    return (get_args(last) or (last,))[0]
-
-
-_DTYPES = {name: _scalar(annotation) for name, annotation in get_type_hints(Buffers).items()}  # by field
 
 
 def arrays_in(memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> dict[str, Any]:

@@ -108,7 +108,7 @@ def test_factory__on_other_vector_environments_suggests_an_alternative(make: Mak
         wrappers.action_mask_v0(each)
 
 
-def test_factory__has_the_signature_and_docstring_of_its_class():
+def test_factory__takes_the_arguments_and_has_the_docstring_of_its_class():
     factory = wrappers.tokenized_statement_v0
     assert "vocabulary" in (factory.__doc__ or "")
     with pytest.raises(TypeError, match="words"):
