@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import torch
@@ -23,7 +21,7 @@ from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import read_situations
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 MAX_CACHED_BOXES = 50_000
 
@@ -76,6 +74,17 @@ class GameAgent(Agent):
 load_agent = GameAgent.load
 
 
+@dataclass(frozen=True)
+class OwnUniforms:
+    """Random numbers of k games, each from its game's own generator."""
+
+    turn: BatchTurn
+
+    def random(self, size: int, /) -> Float64Array:
+        """(k,) numbers from 0 to 1."""
+        return self.turn.uniform()
+
+
 class SeatPartner(BatchPartner):
     """A trained agent as one agent of a game with the same protocol, whatever the views of that game.
 
@@ -89,8 +98,8 @@ class SeatPartner(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) legal actions. Raises AgentError for a game with other actions."""
-        rng = cast("np.random.Generator", SimpleNamespace(random=lambda count: turn.uniform()))  # each game's own
-        actions = self._policy(turn).act(lambda part: part.sample(rng) if self._sampled else part.greedy())
+        uniforms = OwnUniforms(turn)
+        actions = self._policy(turn).act(lambda part: part.sample(uniforms) if self._sampled else part.greedy())
         is_legal = turn.action_mask[np.arange(len(actions)), actions]
         return np.where(is_legal, actions, turn.action_mask.argmax(1))
 

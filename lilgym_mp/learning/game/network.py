@@ -18,7 +18,7 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
 from lilgym_mp.learning.common.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
-from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy, Uniforms
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
@@ -41,7 +41,7 @@ class Categorical:
     def log_prob(self, actions: Tensor) -> Tensor:
         return self._log_probs.gather(1, actions[:, None]).squeeze(1)
 
-    def sample(self, rng: np.random.Generator) -> Int64Array:
+    def sample(self, rng: Uniforms) -> Int64Array:
         sums = self._log_probs.detach().double().exp().cumsum(-1).cpu().numpy()
         uniforms: Float64Array = rng.random(len(sums))
         return np.minimum((sums <= (uniforms * sums[:, -1])[:, None]).sum(-1), sums.shape[1] - 1)

@@ -206,8 +206,7 @@ class Run(TrainingRun):
         are encoded once."""
         turns, games = np.divmod(cells, rollout.ended.shape[1])
         boxes_of, context = rollout.boxes_of[role_of, turns, games], rollout.context[role_of, turns, games]
-        keys = np.concatenate([cells[:, None], boxes_of], 1)
-        _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
+        _, firsts, state_of = np.unique(cells, return_index=True, return_inverse=True)  # both see one scene in a turn
         states = rollout.states(boxes_of[firsts], cells[firsts])
         policies: list[tuple[Tensor, AgentPolicy]] = []
         values = torch.zeros(len(cells), device=self.device)
@@ -305,9 +304,6 @@ class Run(TrainingRun):
         self.networks.eval()
         networks = {role: actors[name] for role, name in self._network_of.items()}
         return GameAgent(description, settings, recipe, networks)
-
-
-_MIXING = np.random.default_rng(0).integers(1, 2**62, 4, dtype=np.int64)  # hashes a turn and its boxes to one number
 
 
 class _MixedPolicy(NamedTuple):

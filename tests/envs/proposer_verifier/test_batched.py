@@ -157,7 +157,7 @@ def test_images__are_reused_unless_copied_but_last_ones_are_kept(copies: bool):
 
 def test_step__refuses_invalid_batches_of_actions():
     batch = BatchedGames(2)
-    for arguments in ({"seed": -1}, {"options": {"task": "nothing"}}, {"options": {"options": {"tasks": "1"}}}):
+    for arguments in ({"seed": -1}, {"options": {"task": "nothing"}}, {"options": {"tasks": "1"}}):
         with pytest.raises(ValueError, match=r"a seed must be|no task|choose from task, intent"):
             batch.reset(**arguments)
     with pytest.raises(ResetNeeded):
