@@ -89,6 +89,7 @@ class GameArrays:
         self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
         self._results = np.full(num_games, table.no_mdp_step)  # indices of the step results
+        self._distances = np.full(num_games, np.nan)  # to the goal, if rewards depend on it
         self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
 
     def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
@@ -104,6 +105,7 @@ class GameArrays:
         self.messages[:, started] = SILENCE
         self.history[started] = NO_CHOICE
         self._results[started] = self.game.decision_table.no_mdp_step
+        self._update_distances(indices)
 
     def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
@@ -123,6 +125,8 @@ class GameArrays:
         result = self._step_mdps(mdp_move, proposal)
         self._decisions[every] = decision
         self.rewards[:, every] = table.rewards[:, decision, result, holds, self.intents[every]]
+        if game.goal_distance is not None:
+            self._reward_progress(mdp_move)
         results = self._mdp_results
         self.terminated[every], self.truncated[every] = results.terminated[result], results.truncated[result]
         is_active = self._continues[result]
@@ -143,6 +147,17 @@ class GameArrays:
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
             self.history[every, -1] = np.stack([choice, answer, *self.messages[:, every]], axis=-1)
+
+    def _update_distances(self, indices: Int64Array) -> None:
+        if (distance := self.game.goal_distance) is not None:
+            self._distances[indices] = [distance(self.mdp(index)) for index in indices.tolist()]
+
+    def _reward_progress(self, mdp_move: Any) -> None:
+        """Adds the term `progress`: 0 where a distance is not known."""
+        before, played = self._distances.copy(), self._games_where(mdp_move == PROPOSAL)
+        self._update_distances(played)
+        change = np.nan_to_num(before - self._distances)
+        self.rewards += self.game.progress_weights[:, None] * change
 
     def _decode_actions(self, role: Role, actions: Any) -> tuple[Any, Any]:
         """By game: the choices, NO_CHOICE if out of turn or illegal; the messages, None if `role` has none."""
