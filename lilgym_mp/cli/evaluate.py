@@ -26,6 +26,7 @@ from lilgym_mp.cli.options import (
     add_seed,
     add_settings,
     add_split,
+    argument_type,
     check_at_least,
     given_environment,
 )
@@ -33,8 +34,10 @@ from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
+from lilgym_mp.envs.proposer_verifier.settings import VIEWS_HELP, read_views
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
+from lilgym_mp.evaluation.game_partners import MESSAGE_CHANGES
 from lilgym_mp.evaluation.policies import (
     AS_TRAINED,
     BASELINES,
@@ -123,6 +126,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         choices=list(PROTOCOLS),
         help="play this game, with runs of single agents or scripted partners (default configuration: TowerFlipIt)",
+    )
+    game.add_argument(
+        "--views",
+        type=argument_type(read_views),
+        metavar="VIEWS",
+        help="what scripted partners of --protocol see; runs see what they learned with: " + VIEWS_HELP,
+    )
+    game.add_argument(
+        "--messages", choices=MESSAGE_CHANGES, help="replace every message, by silence or at random, as a control"
     )
     game.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
     add_device(parser)

@@ -10,17 +10,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.options import CommandError, given_environment
-from lilgym_mp.envs.proposer_verifier import PROTOCOLS, GameSettings, Partner, Role, measure
+from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import write_json
-from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
+from lilgym_mp.evaluation.game_partners import (
+    BUILDER,
+    GUIDE,
+    TARGET_ONLY,
+    ChangedMessages,
+    can_guide,
+    scripted_proposers,
+    scripted_verifiers,
+)
+from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
 # Settings that may differ between runs that play together; the first run's are played:
-MAY_DIFFER = ("corpus", "rewards", "deceptive_share", "message_cost")
+MAY_DIFFER = ("corpus", "rewards", "deceptive_share", "message_cost", "views")
 CONFIGURATION = "TowerFlipIt"  # unless another is named, or the runs'
 LEGEND = """\
 success: the MDP's, in %. true and false accepts: % of true and of false claims accepted, by target true / false.
@@ -32,17 +41,22 @@ Player = tuple[str, Partner]  # one side of the game, and its name: a run's path
 
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
-    given = [name for name in ("policy", "record", "name", "actions") if getattr(args, name)]
+    given = [name for name in ("policy", "record", "name") if getattr(args, name)]
     if unused := [*given, *["passes"] * (args.passes > 1)]:
         raise CommandError(f"--{unused[0]} is for the single-agent environment; --out FILE writes games")
-    games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
+    games = [
+        (settings, actions, _pairs(settings, agents, all_pairs=args.cross_play, sampled=actions == SAMPLED))
+        for settings, actions in product(_games(args, agents), args.actions or [GREEDY])
+    ]
     results: list[dict[str, Any]] = []
     tables: list[str] = []
-    with Progress(sum(len(pairs) for _, pairs in games), "pairs") as progress:
-        for settings, pairs in games:
+    with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
+        for settings, actions, pairs in games:
             env = BaseGameEnv(**vars(settings))
             rows: list[dict[str, str]] = []
             for (proposer, proposing), (verifier, judging) in pairs:
+                if args.messages:
+                    proposing, judging = (ChangedMessages(each, args.messages) for each in (proposing, judging))
                 measures = asdict(measure(env, proposing, judging, seed=args.seed))
                 result = {
                     "proposer": proposer,
@@ -52,13 +66,19 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
                     "corpus": str(settings.corpus),
                     "split": settings.split,
                     "seed": args.seed,
+                    "actions": actions,
+                    "messages": args.messages,
                     "success": measures.pop("success_rate"),
                     **measures,
                 }
                 results.append(result)
                 rows.append(_row(result))
                 progress.advance()
-            tables.append(f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}\n")
+            changed = f", messages {args.messages}" if args.messages else ""
+            tables.append(
+                f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}, {actions}"
+                f" actions{changed}\n"
+            )
             tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
     print("", *tables, LEGEND, sep="\n")
     if args.out is not None:
@@ -73,27 +93,41 @@ def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameS
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
     if not own:
         played = product(args.configuration or [CONFIGURATION], args.protocol or PROTOCOLS)
-        return [GameSettings(name, protocol=protocol, **given) for name, protocol in played]
+        seen = {"views": args.views} if args.views else {}
+        return [GameSettings(name, protocol=protocol, **seen, **given) for name, protocol in played]
     first, *others = own
+    if args.views:
+        raise CommandError(f"{first} sees what it learned with; leave --views out")
     if args.protocol:
         raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
     for other, name in product(others, ("configuration", *GameSettings.settings())):
-        expected, value = getattr(own[first], name), getattr(own[other], name)
+        expected, value = (_compared(own[path], name) for path in (first, other))
         if expected != value and name not in MAY_DIFFER:
             raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
     names = args.configuration or [own[first].configuration]
     return [replace(own[first], configuration=name, **given) for name in names]
 
 
-def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool) -> list[tuple[Player, Player]]:
+def _compared(settings: GameSettings, name: str) -> Any:
+    """The value of a setting that runs which play together must share."""
+    if name == "message_size":
+        return dict(zip(AGENTS, settings.message_sizes(), strict=True))
+    return getattr(settings, name)
+
+
+def _pairs(
+    settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool, sampled: bool
+) -> list[tuple[Player, Player]]:
     """Every pair, or those that the runs need: no pair of two scripted partners if there are runs.
 
     Raises ValueError for an agent that cannot play the game.
     """
     sides: list[list[Player]] = []
-    for role, scripted in zip(Role, (scripted_proposers(settings.dynamics()), SCRIPTED_VERIFIERS), strict=True):
-        trained = [(str(path), agent.partner(role, settings)) for path, agent in agents.items()]
-        sides.append([*((name, partner) for name, partner in trained if partner is not None), *scripted.items()])
+    dynamics, left_out = settings.dynamics(), () if can_guide(settings) else (GUIDE, BUILDER)
+    for role, scripted in zip(Role, (scripted_proposers(dynamics), scripted_verifiers(dynamics)), strict=True):
+        trained = [(str(path), agent.partner(role, settings, sampled=sampled)) for path, agent in agents.items()]
+        sides.append([(name, partner) for name, partner in trained if partner is not None])
+        sides[-1] += [(name, partner) for name, partner in scripted.items() if name not in left_out]
     runs = {str(path) for path in agents}
     pairs = product(sides[0], sides[1])
     return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]
@@ -101,8 +135,8 @@ def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: b
 
 def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
     if proposer not in runs:
-        return verifier in runs and proposer in ("expert", "expert-deceptive")
-    return verifier in (proposer, "oracle", TARGET_ONLY)
+        return verifier in runs and proposer in ("expert", "expert-deceptive", BUILDER)
+    return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
 def _row(result: Mapping[str, Any]) -> dict[str, str]:

@@ -71,7 +71,7 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
                 raise
             print(f"interrupted; resume with: lilgym-mp train {name} --resume --out {shlex.quote(str(directory))}")
             return options.INTERRUPTED
-    given = settings.options() if isinstance(settings, EnvConfig) else ["--corpus", (settings or own).corpus]
+    given = settings.single().options() if isinstance(settings, EnvConfig) else ["--corpus", (settings or own).corpus]
     print(f"evaluate it with: lilgym-mp evaluate {shlex.join([str(directory), *given])}")
     return 0
 

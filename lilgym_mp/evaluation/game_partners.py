@@ -6,19 +6,34 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier import SCRIPTED, BatchTurn, Intent, OracleVerifier, Partner, PartnerTurn, Role
-from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
-from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.envs.proposer_verifier import (
+    SCRIPTED,
+    BatchTurn,
+    GameSettings,
+    Intent,
+    OracleVerifier,
+    Partner,
+    PartnerError,
+    PartnerTurn,
+    Role,
+)
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
+from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, batch_actions
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE, REJECT, STOP_ACTION
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 
 TARGET_ONLY = "target-only"  # the baseline in every evaluation of verifiers
 NOISY_ORACLE = "oracle-10"
+GUIDE, BUILDER = "guide", "builder"
+SILENCED, RANDOM = MESSAGE_CHANGES = ("silenced", "random")
+SCRIPTED_PROPOSERS = ("expert", "expert-deceptive", "helpful", "deceptive", "random", BUILDER)
 
 
 class ExpertProposer:
@@ -40,7 +55,7 @@ class ExpertProposer:
 
     def __call__(self, turn: PartnerTurn) -> int:
         state, game = turn.state, turn.game
-        first, length = self._plan(state.mdp)
+        first, length = self.plan(state.mdp)
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
         is_deceptive = (state.intent if self._intent is None else self._intent) is Intent.DECEPTIVE
         chosen = game.encode_action(Role.PROPOSER, first)
@@ -51,7 +66,7 @@ class ExpertProposer:
             return turn.random_edit()
         return chosen
 
-    def _plan(self, mdp: State) -> tuple[int, int]:
+    def plan(self, mdp: State) -> tuple[int, int]:
         """The first action of a shortest solution, and its number of actions; STOP, 0 if none is found."""
         appearance, task = self._dynamics.appearance, mdp.task
         key = (task.program, task.target, mdp.scene)
@@ -64,6 +79,87 @@ class ExpertProposer:
                 if action != STOP:
                     state = self._dynamics.step(state, action).state
         return self._plans[key]
+
+
+class Guide(BatchPartner):
+    """A verifier that says the number of the expert's next action: an edit's own, or for STOP the number of actions.
+
+    It accepts exactly what the expert would do, and speaks about the scene that its answer leaves. In a simultaneous
+    protocol that is the scene after the edit that a `Builder` makes in the same turn.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        """Raises ValueError for an appearance without a solver."""
+        self._dynamics, self._plan = dynamics, ExpertProposer(dynamics).plan
+
+    def __repr__(self) -> str:
+        return "Guide()"
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) answers with messages. Raises PartnerError for a game with too few messages."""
+        needed, size = self._dynamics.appearance.action_count, turn.game.message_sizes[Role.VERIFIER]
+        if size < needed:
+            raise PartnerError(
+                f"{self!r} needs message_size {needed} for verifier_0, one for each edit and one for STOP; this game"
+                f" has {size}"
+            )
+        return np.array([self._answer(turn, index) for index in turn.indices.tolist()], np.int64)
+
+    def _answer(self, turn: BatchTurn, index: int) -> int:
+        mdp, proposal = turn.games.mdp(index), int(turn.games.proposals[index])
+        wanted, _ = self._plan(mdp)
+        if turn.game.turn_based:
+            accepts = proposal == wanted
+            played = proposal if accepts else STOP_ACTION
+        else:
+            accepts = wanted == STOP_ACTION and mdp.task.solved_by(mdp.scene)
+            played = told_action(turn.games, index)
+        if played != STOP_ACTION:
+            action = self._dynamics.appearance.decode(played)
+            wanted, _ = self._plan(self._dynamics.step(mdp._replace(steps=0), action).state)
+        message = wanted if wanted != STOP_ACTION else self._dynamics.appearance.action_count
+        return turn.game.encode_action(Role.VERIFIER, ACCEPT if accepts else REJECT, message)
+
+
+class Builder(BatchPartner):
+    """A proposer that does what a `Guide` tells it: without a word, or if that is illegal, the first legal action."""
+
+    def __repr__(self) -> str:
+        return "Builder()"
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) proposals without a message."""
+        told = np.array([told_action(turn.games, index) for index in turn.indices.tolist()], np.int64)
+        return turn.game.encode_action(Role.PROPOSER, 1) * told
+
+
+def told_action(games: ObservedGames, index: int) -> int:
+    """The MDP's action that the verifier's last message names; without one that is legal, the first legal action."""
+    count, message = games.game.dynamics.appearance.action_count, int(games.messages[Role.VERIFIER, index])
+    legal = games.legal()[index].copy()
+    if not games.game.protocol.proposer_may_stop:
+        legal[STOP_ACTION] = False
+    told = message % count if 0 < message <= count else NO_CHOICE
+    return told if told != NO_CHOICE and legal[told] else int(legal.argmax())
+
+
+class ChangedMessages(BatchPartner):
+    """A partner whose messages are replaced: by silence, or at random."""
+
+    def __init__(self, partner: Partner, change: str) -> None:
+        """`change`: a name in MESSAGE_CHANGES."""
+        self._partner = partner
+        self._change = choose("change of messages", change, {name: name for name in MESSAGE_CHANGES})
+
+    def __repr__(self) -> str:
+        return f"ChangedMessages({self._partner!r}, {self._change!r})"
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) actions with the partner's choices."""
+        actions, size = batch_actions(self._partner, turn), turn.game.message_sizes[turn.role] + 1
+        speaks = actions < turn.game.choices[turn.role].stop * size  # not "wait", which has no message
+        messages = (turn.uniform() * size).astype(np.int64) if self._change == RANDOM else np.zeros_like(actions)
+        return np.where(speaks, actions // size * size + messages, actions)
 
 
 class AgentPartner(BatchPartner):
@@ -101,7 +197,18 @@ def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:
         "expert": ExpertProposer(dynamics),
         "expert-deceptive": ExpertProposer(dynamics, Intent.DECEPTIVE),
         **{name: SCRIPTED[name] for name in ("helpful", "deceptive", "random")},
+        BUILDER: Builder(),
     }
+
+
+def scripted_verifiers(dynamics: Dynamics) -> Mapping[str, Partner]:
+    """Returns the scripted verifiers by name."""
+    return {**SCRIPTED_VERIFIERS, GUIDE: Guide(dynamics)}
+
+
+def can_guide(game: GameSettings) -> bool:
+    """Whether a game has the messages that a `Guide` needs."""
+    return game.message_sizes()[Role.VERIFIER] >= game.dynamics().appearance.action_count
 
 
 SCRIPTED_VERIFIERS: Mapping[str, Partner] = {

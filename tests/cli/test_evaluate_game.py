@@ -127,3 +127,49 @@ def test_bad_arguments__give_one_line(arguments: list[str], message: str, capsys
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1
+
+
+def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path: Path, own: str):
+    file = tmp_path / "results.json"
+    game = [
+        "evaluate",
+        "--protocol",
+        "critique",
+        "--configuration",
+        "TowerScratch",
+        "--corpus",
+        own,
+        "--out",
+        str(file),
+    ]
+    assert main(game) == 0
+    assert not [pair for pair in results(file) if "guide" in pair or "builder" in pair]
+    for messages, success in (([], 1.0), (["--messages", "silenced"], 0.0)):
+        assert main([*game, "--force", "--views", "guide", *messages]) == 0
+        assert results(file)["builder", "guide"]["success"] == success
+        assert results(file)["builder", "guide"]["messages"] == (messages or [None])[-1]
+
+
+def test_actions__are_greedy_sampled_or_both(tmp_path: Path, own: str, runs: dict[str, Any]):
+    asked: list[bool] = []
+
+    class Sampled(Trained):
+        def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Any:
+            asked.append(sampled)
+            return super().partner(role, game)
+
+    runs["a"] = Sampled(own)
+    file = tmp_path / "results.json"
+    assert main(["evaluate", "a", "--actions", "greedy", "sampled", "--out", str(file)]) == 0
+    assert asked == [False, False, True, True]
+    assert [entry["actions"] for entry in json.loads(file.read_text())["results"]][::5] == ["greedy", "sampled"]
+
+
+def test_runs__that_saw_other_views_play_together(runs: dict[str, Any], capsys: pytest.CaptureFixture[str]):
+    runs |= {"a": Trained("builtin", "critique"), "b": Trained("builtin", "critique")}
+    runs["a"].game = GameSettings(protocol="critique", views="guide")
+    assert main(["evaluate", "a", "b"]) == 2
+    found = capsys.readouterr().err
+    assert "message_size {'proposer_0': 0, 'verifier_0': 13} and {'proposer_0': 0, 'verifier_0': 4}" in found
+    assert main(["evaluate", "a", "--views", "guide"]) == 2
+    assert "a sees what it learned with; leave --views out" in capsys.readouterr().err

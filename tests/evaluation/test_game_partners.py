@@ -11,11 +11,13 @@ from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
     Intent,
     OracleVerifier,
+    PartnerError,
     env,
     measure,
     play_games,
 )
-from lilgym_mp.evaluation.game_partners import ExpertProposer
+from lilgym_mp.evaluation.game_partners import Builder, ChangedMessages, ExpertProposer, Guide
+from lilgym_mp.scene.appearances import make_appearance
 
 SETTINGS = [  # in joint the verifier alone may stop
     {"protocol": protocol, "appearance": appearance}
@@ -61,3 +63,34 @@ def test_expert__by_intent_lies_in_deceptive_episodes_alone():
     measured = measure(game, ExpertProposer(game.unwrapped.dynamics, None), SCRIPTED["oracle"], tasks=some_tasks(game))
     assert 0.2 < measured.success_rate < 0.8
     assert (measured.true_accept_rate, measured.false_accept_rate) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("protocol", ["critique", "veto", "joint"])
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_guide_and_builder__solve_every_task_by_messages_alone(protocol: str, appearance: str):
+    count = make_appearance(appearance).action_count
+    sizes = {"proposer_0": 0, "verifier_0": count}
+    game = env(protocol=protocol, appearance=appearance, views="guide", message_size=sizes, split="dev")
+    tasks, guide = game.unwrapped.tasks.ids[::10], Guide(game.unwrapped.dynamics)
+    told = measure(game, Builder(), guide, tasks=tasks)
+    assert told.success_rate == 1.0
+    silenced = measure(game, Builder(), ChangedMessages(guide, "silenced"), tasks=tasks)
+    at_random = measure(game, Builder(), ChangedMessages(guide, "random"), tasks=tasks)
+    assert max(silenced.success_rate, at_random.success_rate) < 0.7
+
+
+def test_guide__needs_a_message_for_each_action():
+    game = env(protocol="critique", split="dev")
+    with pytest.raises(PartnerError, match=r"Guide\(\) needs message_size 13 for verifier_0.*this game has 4"):
+        measure(game, Builder(), Guide(game.unwrapped.dynamics), tasks=game.unwrapped.tasks.ids[:1])
+
+
+def test_changed_messages__keep_the_choices_of_both_agents():
+    sizes = {"proposer_0": 2, "verifier_0": 3}
+    game = env(protocol="veto", message_size=sizes, split="dev")
+    players = SCRIPTED["helpful"], SCRIPTED["oracle"]
+    tasks = game.unwrapped.tasks.ids[:20]
+    changed = [ChangedMessages(partner, "random") for partner in players]
+    expected = measure(game, *players, tasks=tasks)
+    assert measure(game, *[ChangedMessages(partner, "silenced") for partner in players], tasks=tasks) == expected
+    assert measure(game, *changed, tasks=tasks).games == 20

@@ -26,7 +26,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import Int8Array, UInt8Array
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, is_close
 from lilgym_mp.scene.render import draw
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
@@ -34,7 +34,6 @@ INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Inten
 NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
 RESET_OPTIONS = ("task", "intent")
 Layer = Callable[[Role, AgentObservation], AgentObservation]  # a wrapper of every environment around an engine
-API_TEST_OPTIONS = {"options": 1}  # which PettingZoo's API tests give
 
 
 def role_of(agent: object) -> Role:
@@ -50,8 +49,14 @@ def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.D
 
 
 def reset_options(options: object) -> tuple[object, Intent | None]:
-    """The task and the intent of reset options, None for those that are drawn. Raises ValueError naming the choices."""
-    checked = checked_options(None if options == API_TEST_OPTIONS else options, RESET_OPTIONS)
+    """The task and the intent of reset options, None for those that are drawn.
+
+    Options of other names are for other layers of an environment, and have no effect. Raises ValueError naming the
+    choices, also for a name that is close to one of them.
+    """
+    if isinstance(options, Mapping):
+        options = {name: value for name, value in options.items() if is_close(name, RESET_OPTIONS)}
+    checked = checked_options(options, RESET_OPTIONS)
     intent = checked.get("intent")
     return checked.get("task"), None if intent is None else choose("intent", intent, INTENTS)
 

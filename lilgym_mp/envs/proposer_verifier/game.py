@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from typing import NamedTuple, Self, SupportsIndex
 
@@ -30,9 +31,10 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
     checked_rewards,
     judgement_in,
     make_rewards,
+    progress_weights,
 )
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene.actions import checked_index, describe
 from lilgym_mp.scene.arrays import BoolArray, Int8Array
 
@@ -112,6 +114,12 @@ class Game:
         self.history_length = max(view.history for view in self.views)  # turns kept
         rewards, self.draws_intent = make_rewards(settings.rewards)
         self.decision_table = DecisionTable(self.protocol, self.dynamics, rewards)
+        self.progress_weights = np.array(progress_weights(settings.rewards))  # (2,) indexed by role
+        self.goal_distance: Callable[[State], float] | None = None
+        if self.progress_weights.any():
+            from lilgym_mp.envs.proposer_verifier.progress import GoalDistance  # the solver takes time to import
+
+            self.goal_distance = GoalDistance(self.dynamics)
         self._make_actions()
         self.tasks = settings.tasks()
         self.sizes = SpaceSizes.of(self.tasks, self.dynamics)

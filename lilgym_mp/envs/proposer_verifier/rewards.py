@@ -59,11 +59,13 @@ def _if_judged(term: Term, mdp_reward: float, judgement: Judgement | None, inten
     return 0.0 if judgement is None else term(judgement, intent)
 
 
+PROGRESS = "progress"
 TERMS: dict[str, Callable[[float, Judgement | None, Intent], float]] = {
     "mdp": lambda mdp_reward, judgement, intent: mdp_reward,
     "mdp_if_helpful": lambda mdp_reward, judgement, intent: mdp_reward if intent is Intent.HELPFUL else 0.0,
     "correctness": partial(_if_judged, _correctness),
     "hidden": partial(_if_judged, _hidden),
+    PROGRESS: lambda mdp_reward, judgement, intent: 0.0,  # the games add it: it depends on scenes
 }
 
 # Without the MDP's reward, a proposer with hidden intent earns nothing until a verifier that has learned nothing
@@ -74,6 +76,16 @@ PRESETS: Mapping[str, Mapping[str, AgentRewards]] = {  # by agent
     "correctness": {AGENTS[0]: "mdp", AGENTS[1]: "correctness"},
     "hidden": {AGENTS[0]: HIDDEN_REWARDS, AGENTS[1]: "correctness"},
 }
+
+
+def progress_weights(rewards: Rewards) -> tuple[float, float]:
+    """Both agents' weights of the term `progress`: by how much a turn has shortened the way to the goal."""
+    if isinstance(rewards, str):
+        rewards = PRESETS.get(rewards, {})
+    if callable(rewards):
+        return 0.0, 0.0
+    proposer, verifier = (_weights(rewards.get(agent, {})).get(PROGRESS, 0.0) for agent in AGENTS)
+    return proposer, verifier
 
 
 def make_rewards(rewards: Rewards) -> tuple[RewardFunction, bool]:

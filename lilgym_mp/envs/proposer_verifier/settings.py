@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, fields
+from dataclasses import KW_ONLY, asdict, dataclass, fields
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
@@ -46,6 +46,16 @@ class View:
 
 
 VIEWS: Mapping[str, View] = {"image": View(), "structured": View(scene="structured")}
+GUIDE = "guide"  # preset of both views: the verifier must tell the proposer what to do
+VIEWS_HELP = (
+    f"{', '.join(VIEWS)}, {GUIDE} (the proposer sees no statement), or JSON of a view's fields, for both agents or by"
+    " agent (default: image)"
+)
+
+
+def read_views(text: str) -> ViewSpec | Mapping[str, ViewSpec]:
+    """A name of views, or JSON of them. Raises ValueError."""
+    return _from_json(text)
 
 
 def _make_view(view: ViewSpec) -> View:
@@ -56,7 +66,10 @@ def _make_view(view: ViewSpec) -> View:
         for name in view:
             choose("field of a view", name, {field.name: field for field in fields(View)})
         return View(**view)
-    return choose("view", view, VIEWS)
+    choose("view", view, {**VIEWS, GUIDE: None})
+    if view == GUIDE:
+        raise ValueError(f"views {GUIDE!r} are of both agents, not of one")
+    return VIEWS[view]
 
 
 REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
@@ -64,12 +77,22 @@ REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent 
 
 def read_rewards(text: str) -> Rewards:
     """A name of rewards, or JSON of them. Raises ValueError."""
+    return _from_json(text)
+
+
+def _from_json(text: str) -> Any:
+    """JSON of an object, or the text itself. Raises ValueError."""
     if not text.startswith("{"):
         return text
     try:
         return json.loads(text)
     except ValueError as error:
         raise ValueError(f"not valid JSON: {error}") from None
+
+
+def read_sizes(text: str) -> int | Mapping[str, int]:
+    """A number, or JSON of one for each agent. Raises ValueError."""
+    return _from_json(text) if text.startswith("{") else int(text)
 
 
 @dataclass(frozen=True)
@@ -82,9 +105,10 @@ class GameSettings(EnvConfig):
     # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
     rewards: Rewards = setting("common", REWARDS_HELP, kind=read_rewards)
     deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden")
-    views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
+    # for both, {agent: view}, or GUIDE
+    views: ViewSpec | Mapping[str, ViewSpec] = setting("image", VIEWS_HELP, kind=read_views)
     message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
-        None, "messages besides silence, for both agents (default: the protocol's)", kind=int
+        None, "messages besides silence, for both agents or JSON by agent (default: the protocol's)", kind=read_sizes
     )
     message_cost: float = setting(0.0, "cost of a message to its sender")
     exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer")
@@ -92,10 +116,20 @@ class GameSettings(EnvConfig):
     homogeneous: bool = False  # equal spaces for both agents
 
     def to_json(self) -> dict[str, Any]:
-        """The game's identity: no split, image size, views or infos. Raises ValueError for a reward function."""
+        """The game's identity: no split, image size or infos, and no views in which both agents see everything.
+
+        Raises ValueError for a reward function.
+        """
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
-        return {**super().to_json(), "homogeneous": self.homogeneous}
+        values = {**super().to_json(), "homogeneous": self.homogeneous}
+        if self.views == GUIDE:
+            return values
+        views = self.views_by_role()
+        values["views"] = {agent: asdict(view) for agent, view in zip(AGENTS, views, strict=True)}
+        if all(view in VIEWS.values() for view in views):
+            del values["views"]
+        return values
 
     def check(self) -> None:
         """Raises ValueError naming the value and the choices for the settings that no other method checks."""
@@ -110,12 +144,18 @@ class GameSettings(EnvConfig):
             checked_flag(name, getattr(self, name))
 
     def views_by_role(self) -> tuple[View, View]:
+        if self.views == GUIDE:
+            return View(statement="none", target=False), View()
         return _by_role(self.views, _make_view)
 
     def message_sizes(self) -> tuple[int, int]:
-        """Numbers of messages besides silence, indexed by role."""
+        """Numbers of messages besides silence, indexed by role.
+
+        By default those of the protocol; for a guide, where the verifier has any, one for each edit and one for STOP.
+        """
         if self.message_size is None:
-            return PROTOCOLS[self.protocol].message_sizes
+            proposer, verifier = PROTOCOLS[self.protocol].message_sizes
+            return proposer, self.dynamics().appearance.action_count if verifier and self.views == GUIDE else verifier
         return _by_role(self.message_size, partial(checked_count, "message_size", least=0))
 
 

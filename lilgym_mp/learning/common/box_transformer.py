@@ -148,14 +148,18 @@ class BoxTransformer(Model):
     def decide(self, encoded: EncodedStates, condition: Tensor) -> Prediction:
         """Logits and values of N states; `condition` (N, d) embeds the target and whatever else is known."""
         conditioned = self.judge(encoded.scenes + condition)
-        features = _gather(self.act_box(encoded.pairs), encoded.pairs_of) + self.act_scene(conditioned)[:, None]
-        features = self.act_feedforward(features)  # (N, 3, d)
+        features = self.box_features(encoded, conditioned)
         types = self.types(conditioned)
         types = torch.cat([types[:, :1] + self.reached(encoded)[:, None], types[:, 1:]], 1)
         adds, removes = self.arguments(features, encoded.patches, encoded.boxes_of)
         return Prediction(
             types.float(), (adds.float(), removes.float()), torch.tanh(self.value(conditioned).float()).squeeze(1)
         )
+
+    def box_features(self, encoded: EncodedStates, conditioned: Tensor) -> Tensor:
+        """(N, 3, d) of each box, given the whole state (N, d)."""
+        features = _gather(self.act_box(encoded.pairs), encoded.pairs_of) + self.act_scene(conditioned)[:, None]
+        return self.act_feedforward(features)
 
     def reached(self, encoded: EncodedStates) -> Tensor:
         """(N,) logits of the target being reached, a part of STOP's: the statement's truth does not see the target."""

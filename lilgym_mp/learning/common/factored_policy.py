@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -121,6 +121,14 @@ def box_cells(grid: Grid) -> tuple[int, int, int]:
     return rows, BOX_SIDE // width, BOX_PITCH // width
 
 
+class Uniforms(Protocol):
+    """A source of random numbers, such as NumPy's generators."""
+
+    def random(self, size: int, /) -> Float64Array:
+        """(size,) numbers from 0 to 1."""
+        ...
+
+
 class FactoredPolicy:
     """Action distributions of N states, from the logits of the type and of each head."""
 
@@ -188,7 +196,7 @@ class FactoredPolicy:
         """(N, actions); masked if there is a mask."""
         return (self.joint_log_probs() if self._masked is None else self._masked).float().exp()
 
-    def sample(self, rng: np.random.Generator) -> Int64Array:
+    def sample(self, rng: Uniforms) -> Int64Array:
         """(N,) sampled action indices."""
         count = len(self.type_log_probs)
         if self._masked is not None:

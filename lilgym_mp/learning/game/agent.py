@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import torch
@@ -22,8 +20,8 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
-from lilgym_mp.learning.game.situations import read_situations
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.learning.game.situations import HIDDEN_STATEMENT, REFUSED, read_situations
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 MAX_CACHED_BOXES = 50_000
 
@@ -76,8 +74,20 @@ class GameAgent(Agent):
 load_agent = GameAgent.load
 
 
+@dataclass(frozen=True)
+class OwnUniforms:
+    """Random numbers of k games, each from its game's own generator."""
+
+    turn: BatchTurn
+
+    def random(self, size: int, /) -> Float64Array:
+        """(k,) numbers from 0 to 1."""
+        return self.turn.uniform()
+
+
 class SeatPartner(BatchPartner):
-    """A trained agent as one agent of a game with the same protocol, whatever the views of that game.
+    """A trained agent as one agent of a game with the same protocol and actions. It sees what it saw when it learned,
+    whatever the views of that game.
 
     An illegal action, which only a proposer trained without a mask can choose, becomes the first legal one.
     """
@@ -89,8 +99,8 @@ class SeatPartner(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) legal actions. Raises AgentError for a game with other actions."""
-        rng = cast("np.random.Generator", SimpleNamespace(random=lambda count: turn.uniform()))  # each game's own
-        actions = self._policy(turn).act(lambda part: part.sample(rng) if self._sampled else part.greedy())
+        uniforms = OwnUniforms(turn)
+        actions = self._policy(turn).act(lambda part: part.sample(uniforms) if self._sampled else part.greedy())
         is_legal = turn.action_mask[np.arange(len(actions)), actions]
         return np.where(is_legal, actions, turn.action_mask.argmax(1))
 
@@ -101,15 +111,21 @@ class SeatPartner(BatchPartner):
                 f"this {AGENTS[self.role]} was trained on protocol {own.protocol.name!r} with {own.action_counts}"
                 f" actions; the game has protocol {game.protocol.name!r} with {game.action_counts}"
             )
-        items, context = read_situations(turn.games, self.role, turn.indices)
+        if game.history_length < own.views[self.role].history:
+            raise AgentError(
+                f"this {AGENTS[self.role]} was trained with a history of {own.views[self.role].history} turns in its"
+                f" views; the game keeps {game.history_length}"
+            )
+        items, context = read_situations(turn.games, self.role, turn.indices, own)
         tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
         legal = None
         if self.role is Role.PROPOSER and self._mask:
-            legal = proposer_choices(turn.game, turn.action_mask, turn.games.refused[turn.indices])
+            legal = proposer_choices(turn.game, turn.action_mask, context[:, REFUSED] - 1)
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        targets = np.array([task.target for task in tasks], np.int64)
-        states = self._table.states_of([task.statement for task in tasks], self._table.item_indices(items), targets)
+        targets, view = np.array([task.target for task in tasks], np.int64), own.views[self.role]
+        statements = [HIDDEN_STATEMENT if view.statement == "none" else task.statement for task in tasks]
+        states = self._table.states_of(statements, self._table.item_indices(items), targets * view.target)
         with torch.no_grad():
             return self._network.policy(self.role, self._network.encode(states), context, legal)[0]
 

@@ -10,10 +10,10 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from lilgym_mp.learning.common.states import BoxImageTable
+from lilgym_mp.envs.proposer_verifier import Role
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import Claims
+from lilgym_mp.learning.game.rollout import Claims, Rollout
 from lilgym_mp.scene.arrays import Int64Array
 
 MAX_CLAIMS_PER_STATEMENT = 32  # in one step, at most
@@ -57,15 +57,13 @@ class ClaimMemory:
             self.add(Claims(*(data[name].cpu().numpy() for name in Claims._fields)))
 
 
-def claim_loss(
-    network: GameNetwork, table: BoxImageTable, statements: tuple[str, ...], claims: Claims
-) -> tuple[Tensor, float]:
+def claim_loss(network: GameNetwork, rollout: Rollout, claims: Claims) -> tuple[Tensor, float]:
     """Cross-entropy of the statements' truth in the claims' scenes, true and false ones weighted alike; accuracy.
 
     The truth does not depend on the target, so the verifier cannot resort to what the target alone predicts.
     """
-    boxes_of: Int64Array = table.item_indices(claims.items)
-    encoded = network.encode(table.states(statements, claims.statement_of, boxes_of, claims.targets))
+    boxes_of: Int64Array = rollout.table.item_indices(claims.items)
+    encoded = network.encode(rollout.states(Role.VERIFIER, claims.statement_of, boxes_of, claims.targets))
     logits = network.truth(encoded.scenes).squeeze(1).float()
     truths = torch.from_numpy((claims.holds == (claims.targets == 1)).astype(np.float32)).to(logits.device)
     true_share = truths.mean().clamp(0.05, 0.95)

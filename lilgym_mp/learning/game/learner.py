@@ -12,7 +12,7 @@ from typing import Any
 
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
+from lilgym_mp.evaluation.game_partners import GUIDE, SCRIPTED_PROPOSERS, SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import RunOptions, setting
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -27,11 +27,13 @@ class GameOptions(RunOptions):
     steps: int = setting(2_500_000, "turns of all games together", 1)
     minutes: float | None = setting(None, "end after this CPU time, even if fewer were made", kind=float, metavar="N")
     proposers: tuple[Path, ...] | None = setting(
-        None, f"train only {AGENTS[1]}, against these runs' trained proposers", **_RUNS
+        None,
+        f"train only {AGENTS[1]}, against these runs' trained proposers, or: {', '.join(SCRIPTED_PROPOSERS)}",
+        **_RUNS,
     )
     verifiers: tuple[Path, ...] | None = setting(
         None,
-        f"train only {AGENTS[0]}, against these runs' trained verifiers, or: {', '.join(SCRIPTED_VERIFIERS)}",
+        f"train only {AGENTS[0]}, against these runs' trained verifiers, or: {', '.join((*SCRIPTED_VERIFIERS, GUIDE))}",
         **_RUNS,
     )
     start_from: Path | None = setting(

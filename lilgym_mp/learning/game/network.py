@@ -18,10 +18,11 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
 from lilgym_mp.learning.common.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
-from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy, Uniforms
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
+from lilgym_mp.learning.game.situations import MESSAGE, PENDING, STOP_PENDING, context_sizes
+from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 IMPOSSIBLE = -1e4  # logit
@@ -41,7 +42,7 @@ class Categorical:
     def log_prob(self, actions: Tensor) -> Tensor:
         return self._log_probs.gather(1, actions[:, None]).squeeze(1)
 
-    def sample(self, rng: np.random.Generator) -> Int64Array:
+    def sample(self, rng: Uniforms) -> Int64Array:
         sums = self._log_probs.detach().double().exp().cumsum(-1).cpu().numpy()
         uniforms: Float64Array = rng.random(len(sums))
         return np.minimum((sums <= (uniforms * sums[:, -1])[:, None]).sum(-1), sums.shape[1] - 1)
@@ -79,7 +80,10 @@ class AgentPolicy(NamedTuple):
 class GameNetwork(BoxTransformer):
     """Policies and values of both agents."""
 
-    def __init__(self, game: Game, vocabulary: Vocabulary, recipe: GameRecipe, **sizes: int) -> None:
+    def __init__(
+        self, game: Game, vocabulary: Vocabulary, recipe: GameRecipe, *, messages_see_boxes: bool = False, **sizes: int
+    ) -> None:
+        """`messages_see_boxes`: messages also depend on each box, and start varied; older model files have neither."""
         super().__init__(game.dynamics.appearance, vocabulary, separators=False, **sizes)
         width, counts = self.sizes["width"], context_sizes(game)
         self.game, self._judges_only = game, recipe.judges_only
@@ -92,7 +96,23 @@ class GameNetwork(BoxTransformer):
             assert isinstance(head, nn.Linear)
             nn.init.orthogonal_(head.weight, SMALL_GAIN)
             nn.init.zeros_(head.bias)
+        if messages_see_boxes:
+            self.sizes["messages_see_boxes"] = True
+            self._let_messages_see_boxes()
         self._latest: tuple[States, EncodedStates] | None = None
+
+    def _let_messages_see_boxes(self) -> None:
+        """Adds heads on boxes. With the small weights of other heads, agents learn to ignore each other's messages
+        before these come to mean anything, so messages start varied and are heard from the start."""
+        width, first = self.sizes["width"], int(self._offsets[MESSAGE])
+        sizes = [size + 1 for size in self.game.message_sizes]
+        self.box_messages = nn.ModuleList(nn.Linear(BOX_COUNT * width, size) for size in sizes)
+        with torch.no_grad():
+            self.context.weight[first : first + max(sizes)].normal_()
+        for head in (*self.messages, *self.box_messages):
+            assert isinstance(head, nn.Linear)
+            nn.init.orthogonal_(head.weight)
+            nn.init.zeros_(head.bias)
 
     def clear_cache(self) -> None:
         super().clear_cache()
@@ -115,7 +135,7 @@ class GameNetwork(BoxTransformer):
         condition = self.target(encoded.targets) + self.context(indices)
         conditioned = self.judge(encoded.scenes + condition)
         sizes = self.game.message_sizes[role] + 1
-        message = Categorical(self.messages[role](conditioned)) if sizes > 1 else None
+        message = Categorical(self._messages(role, encoded, conditioned)) if sizes > 1 else None
         if role is Role.PROPOSER:
             prediction = self.decide(encoded, condition)
             types = prediction.types
@@ -126,6 +146,13 @@ class GameNetwork(BoxTransformer):
             return AgentPolicy(choice, message, sizes), prediction.values
         answers = Categorical(self._answers(encoded, conditioned, context))
         return AgentPolicy(answers, message, sizes), torch.tanh(self.value(conditioned).float()).squeeze(1)
+
+    def _messages(self, role: Role, encoded: EncodedStates, conditioned: Tensor) -> Tensor:
+        """(N, messages + 1) logits."""
+        logits = self.messages[role](conditioned)
+        if "messages_see_boxes" not in self.sizes:
+            return logits
+        return logits + self.box_messages[role](self.box_features(encoded, conditioned).flatten(1))
 
     def _answers(self, encoded: EncodedStates, conditioned: Tensor, context: Int64Array) -> Tensor:
         """(N, answers) logits: learned, plus what the claim's truth says about each answer."""

@@ -18,14 +18,14 @@ from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.network import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.situations import CONTEXT, read_situations
+from lilgym_mp.learning.game.situations import HIDDEN_STATEMENT, REFUSED, context_sizes, read_situations, seen_tasks
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
 
-# The policy and the values (k,) of an agent that learns, in k games: from its role, states, context (k, 7) and, for the
+# The policy and the values (k,) of an agent that learns, in k games: from its role, states, context (k, C) and, for the
 # proposer with a mask, the legal actions of the MDP (k, actions).
 Evaluate = Callable[[Role, States, Int64Array, BoolArray | None], tuple[AgentPolicy, Tensor]]
 
@@ -54,9 +54,9 @@ class Rollout:
 
     claims: Claims
 
-    def __init__(self, statements: tuple[str, ...], turns: int, games: int, legal: int = 0) -> None:
+    def __init__(self, game: Game, statements: tuple[str, ...], turns: int, games: int, legal: int = 0) -> None:
         """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0."""
-        self.table, self.statements = BoxImageTable(), statements
+        self.game, self.table, self.statements = game, BoxImageTable(), statements
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
         self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
@@ -66,7 +66,7 @@ class Rollout:
         both = len(Role), *shape
         self.acted: BoolArray = np.zeros(both, np.bool_)  # (2, T, N)
         self.boxes_of: Int64Array = np.zeros((*both, BOX_COUNT), np.int64)  # (2, T, N, 3)
-        self.context: Int64Array = np.zeros((*both, len(CONTEXT)), np.int64)  # (2, T, N, 7)
+        self.context: Int64Array = np.zeros((*both, len(context_sizes(game))), np.int64)  # (2, T, N, C)
         self.actions: Int64Array = np.zeros(both, np.int64)  # (2, T, N)
         self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
         self.rewards: Float32Array = np.zeros(both, np.float32)  # (2, T, N) of every turn
@@ -90,11 +90,18 @@ class Rollout:
         js = (shares[:2, 1] - shares[:2, 0])[~np.isnan(shares[:2].sum(-1))]
         return float(shares[2, 1]), float(shares[2, 0]), float(js.mean()) if len(js) else np.nan
 
-    def states(self, boxes_of: Int64Array, rows: Int64Array) -> States:
-        """States of rows (k,) with the given boxes (k, 3)."""
-        return self.table.states(
-            self.statements, self.statement_of.reshape(-1)[rows], boxes_of, self.targets.reshape(-1)[rows]
-        )
+    @property
+    def unfinished(self) -> float:
+        """The share of the games played side by side of which none ended."""
+        return float((~self.ended.any(0)).mean())
+
+    def states(
+        self, roles: Role | Int64Array, statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
+    ) -> States:
+        """States (k,) with the given boxes (k, 3), as the agents (k,) see them."""
+        statements = *self.statements, HIDDEN_STATEMENT
+        seen, goals = seen_tasks(self.game, roles, statement_of, targets, len(self.statements))
+        return self.table.states(statements, seen, boxes_of, goals)
 
 
 class RolloutPlayer:
@@ -121,7 +128,7 @@ class RolloutPlayer:
         """A rollout of the recipe's length."""
         recipe, arrays = self._recipe, self._arrays
         legal = arrays.game.dynamics.appearance.action_count if recipe.mask else 0
-        rollout = Rollout(self._sampler.statements, recipe.rollout // recipe.envs, recipe.envs, legal)
+        rollout = Rollout(arrays.game, self._sampler.statements, recipe.rollout // recipe.envs, recipe.envs, legal)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
         for turn in range(len(rollout.ended)):
@@ -149,7 +156,7 @@ class RolloutPlayer:
             moving = np.flatnonzero(arrays.movers[role])
             if len(moving):
                 seen, context = read_situations(arrays, role, moving)
-                states = self._states(rollout, moving, rollout.table.item_indices(seen))
+                states = self._states(rollout, role, moving, rollout.table.item_indices(seen))
                 rollout.last_values[role, moving] = as_numpy(evaluate(role, states, context, None)[1])
         return rollout
 
@@ -169,7 +176,8 @@ class RolloutPlayer:
         """Both agents' actions (2, N)."""
         arrays = self._arrays
         actions = np.zeros((len(Role), self._recipe.envs), np.int64)
-        cached: tuple[Int64Array, States] | None = None  # both agents see the same states in a simultaneous protocol
+        cached: tuple[Int64Array, States] | None = None  # by equal views both see the same in a simultaneous protocol
+        shares_states = not arrays.game.turn_based and self._game.views[0] == self._game.views[1]
         for role in Role:
             moving = np.flatnonzero(arrays.movers[role])
             if not len(moving):
@@ -182,13 +190,13 @@ class RolloutPlayer:
                         actions[role, played] = batch_actions(partner, own_turn)
                 continue
             seen, context = read_situations(arrays, role, moving)
-            if cached is None or arrays.game.turn_based:
+            if cached is None or not shares_states:
                 boxes_of = rollout.table.item_indices(seen)
-                cached = boxes_of, self._states(rollout, moving, boxes_of)
+                cached = boxes_of, self._states(rollout, role, moving, boxes_of)
             boxes_of, states = cached
             legal = None
             if role is Role.PROPOSER and self._recipe.mask:
-                masks, refused = arrays.masks(role, moving), arrays.refused[moving]
+                masks, refused = arrays.masks(role, moving), context[:, REFUSED] - 1
                 legal = rollout.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
             policy, values = evaluate(role, states, context, legal)
             chosen = policy.act(lambda part: part.sample(rng))
@@ -199,11 +207,9 @@ class RolloutPlayer:
             rollout.values[own] = as_numpy(values)
         return actions
 
-    def _states(self, rollout: Rollout, indices: Int64Array, boxes_of: Int64Array) -> States:
+    def _states(self, rollout: Rollout, role: Role, indices: Int64Array, boxes_of: Int64Array) -> States:
         tasks = self._arrays.tasks[indices]
-        return rollout.table.states(
-            rollout.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
-        )
+        return rollout.states(role, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks])
 
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:

@@ -15,7 +15,15 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
+from lilgym_mp.evaluation.game_partners import (
+    BUILDER,
+    GUIDE,
+    SCRIPTED_PROPOSERS,
+    SCRIPTED_VERIFIERS,
+    can_guide,
+    scripted_proposers,
+    scripted_verifiers,
+)
 from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model_file import weights_digest
@@ -29,9 +37,11 @@ from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, own_turn_advantages
+from lilgym_mp.learning.game.situations import check_claims
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TEXT_LAYERS, HEADS = 1, 2
+MOST_UNFINISHED = 0.1  # share of games without an end in a rollout; with more, a run warns
 
 
 class Progress(NamedTuple):
@@ -46,6 +56,7 @@ class Progress(NamedTuple):
     true_accept_rate: float | None  # share of judged true claims that were accepted
     false_accept_rate: float | None  # share of judged false claims that were accepted
     j: float | None  # their difference, averaged over the targets
+    unfinished: float  # share of the games played side by side of which none ended in the rollout
     losses: dict[str, dict[str, float]]  # by network: policy, value, entropy, clipped
     claim_loss: float | None
     claim_accuracy: float | None
@@ -55,7 +66,8 @@ class Progress(NamedTuple):
         success, j = (
             "-" if share is None else f"{100 * share:.0f}{unit}" for share, unit in ((self.success, " %"), (self.j, ""))
         )
-        return f"{self.turns_per_second:,.0f}/s, success {success}, J {j}"
+        unfinished = f", {100 * self.unfinished:.0f} % unfinished" if self.unfinished > MOST_UNFINISHED else ""
+        return f"{self.turns_per_second:,.0f}/s, success {success}, J {j}{unfinished}"
 
 
 @dataclass
@@ -100,6 +112,7 @@ class Run(TrainingRun):
             raise ValueError("no agent is left to learn: name partners for one of them only")
         self.tasks = training_tasks(settings.single(), recipe)
         game = Game(settings).with_tasks(self.tasks.tasks)
+        check_claims(game)
         opened = {
             role: [_partner(one, role, settings, str(self.device)) for one in given] for role, given in partners.items()
         }
@@ -123,6 +136,7 @@ class Run(TrainingRun):
         self._rng = np.random.default_rng(recipe.seed)
         self._player = RolloutPlayer(game, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
+        self._has_warned = False  # of games that do not end
         self.load()
 
     def _make_networks(self, given: Mapping[str, BoxTransformer], game: Game) -> dict[str, GameNetwork]:
@@ -134,6 +148,7 @@ class Run(TrainingRun):
             if recipe.width != sizes["width"]:
                 raise ValueError(f"the agents to start from have width {sizes['width']}, not {recipe.width}")
         names = dict.fromkeys(network_names(self.roles, recipe).values())
+        sizes = {**sizes, "messages_see_boxes": True}
         networks = {name: GameNetwork(game, vocabulary, recipe, **sizes) for name in names}
         for name, network in networks.items():
             if (start := given.get(name, given.get(SHARED))) is not None:
@@ -176,6 +191,7 @@ class Run(TrainingRun):
                 found = update(experience, optimiser, self.recipe, entropy_coefficient, self._rng)
                 losses[name] = mean_losses(found)
         claim_losses = self._learn_claims(rollout)
+        self._warn_of_unfinished(rollout)
         self.counters.steps += self.recipe.rollout
         return self._progress(rollout, losses, claim_losses, start)
 
@@ -206,9 +222,12 @@ class Run(TrainingRun):
         are encoded once."""
         turns, games = np.divmod(cells, rollout.ended.shape[1])
         boxes_of, context = rollout.boxes_of[role_of, turns, games], rollout.context[role_of, turns, games]
-        keys = np.concatenate([cells[:, None], boxes_of], 1)
-        _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
-        states = rollout.states(boxes_of[firsts], cells[firsts])
+        state_keys = cells  # with equal views both agents see one state in a turn
+        if rollout.game.views[0] != rollout.game.views[1]:
+            state_keys = cells + role_of * rollout.ended.size
+        _, firsts, state_of = np.unique(state_keys, return_index=True, return_inverse=True)
+        statement_of, targets = (each.reshape(-1)[cells[firsts]] for each in (rollout.statement_of, rollout.targets))
+        states = rollout.states(role_of[firsts], statement_of, boxes_of[firsts], targets)
         policies: list[tuple[Tensor, AgentPolicy]] = []
         values = torch.zeros(len(cells), device=self.device)
         for role in Role:
@@ -233,7 +252,7 @@ class Run(TrainingRun):
         self._memory.add(rollout.claims)
         found: list[tuple[float, float]] = []
         for claims in self._memory.batches(self._rng):
-            loss, accuracy = claim_loss(network, rollout.table, rollout.statements, claims)
+            loss, accuracy = claim_loss(network, rollout, claims)
             optimise(optimiser, loss, self.recipe.gradient_norm)
             found.append((float(loss.detach()), accuracy))
         return found
@@ -255,12 +274,23 @@ class Run(TrainingRun):
             true_accept_rate=true,
             false_accept_rate=false,
             j=j,
+            unfinished=round(rollout.unfinished, 4),
             losses={
                 name: {key: round(float(value), 5) for key, value in found._asdict().items() if key != "total"}
                 for name, found in losses.items()
             },
             claim_loss=loss,
             claim_accuracy=accuracy,
+        )
+
+    def _warn_of_unfinished(self, rollout: Rollout) -> None:
+        if self._has_warned or rollout.unfinished <= MOST_UNFINISHED:
+            return
+        self._has_warned = True
+        turns, games = rollout.ended.shape
+        self.say(
+            f"warning: in a rollout of {turns} turns, {100 * rollout.unfinished:.0f} % of {games} games side by side do"
+            " not end, so success is that of short games alone: use fewer --envs or a longer --rollout"
         )
 
     # Files
@@ -307,9 +337,6 @@ class Run(TrainingRun):
         return GameAgent(description, settings, recipe, networks)
 
 
-_MIXING = np.random.default_rng(0).integers(1, 2**62, 4, dtype=np.int64)  # hashes a turn and its boxes to one number
-
-
 class _MixedPolicy(NamedTuple):
     """Policies of both agents in rows of one mini-batch."""
 
@@ -331,13 +358,22 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     """A scripted partner by name, or that of a run: a proposer samples, a verifier takes the most probable actions."""
     if not isinstance(given, Path):
         return given
-    if str(given) in SCRIPTED_VERIFIERS and role is Role.VERIFIER:
-        return SCRIPTED_VERIFIERS[str(given)]
+    scripted = scripted_verifiers if role is Role.VERIFIER else scripted_proposers
+    if (partner := scripted(settings.dynamics()).get(str(given))) is not None:
+        if str(given) in (GUIDE, BUILDER) and not can_guide(settings):
+            raise AgentError(
+                f"{given} needs one message of verifier_0 for each action, as views {GUIDE!r} give it in critique;"
+                f" this game has message_size {settings.message_sizes()[Role.VERIFIER]}"
+            )
+        return partner
     agent = load_agent(agent_file(given), device)
     for name in ("appearance", "protocol", "grid"):
         own, wanted = getattr(agent.settings, name), getattr(settings, name)
         if own != wanted:
             raise AgentError(f"{given}: trained on {name} {own!r}; this game has {wanted!r}")
+    if agent.settings.message_sizes() != settings.message_sizes():
+        own, wanted = (dict(zip(AGENTS, each.message_sizes(), strict=True)) for each in (agent.settings, settings))
+        raise AgentError(f"{given}: trained with message_size {own}; this game has {wanted}")
     partner = agent.partner(role, sampled=role is Role.PROPOSER)
     if partner is None:
         raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
@@ -347,4 +383,6 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
 def _partner_identity(partner: Path | Partner) -> str:
     if not isinstance(partner, Path):
         return repr(partner)
-    return str(partner) if str(partner) in SCRIPTED_VERIFIERS else f"{partner}: {weights_digest(agent_file(partner))}"
+    if str(partner) in (*SCRIPTED_PROPOSERS, *SCRIPTED_VERIFIERS, GUIDE):
+        return str(partner)
+    return f"{partner}: {weights_digest(agent_file(partner))}"

@@ -13,6 +13,7 @@ from gymnasium.error import ResetNeeded
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env
 from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.solver import Solver
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
@@ -157,7 +158,7 @@ def test_images__are_reused_unless_copied_but_last_ones_are_kept(copies: bool):
 
 def test_step__refuses_invalid_batches_of_actions():
     batch = BatchedGames(2)
-    for arguments in ({"seed": -1}, {"options": {"task": "nothing"}}, {"options": {"options": {"tasks": "1"}}}):
+    for arguments in ({"seed": -1}, {"options": {"task": "nothing"}}, {"options": {"tasks": "1"}}):
         with pytest.raises(ValueError, match=r"a seed must be|no task|choose from task, intent"):
             batch.reset(**arguments)
     with pytest.raises(ResetNeeded):
@@ -174,3 +175,31 @@ def test_step__refuses_invalid_batches_of_actions():
     for beyond in (14, -1):
         with pytest.raises(ActionError, match=f"action {beyond} of proposer_0 is out of range"):
             batch.step({PROPOSER: np.array([0, beyond]), VERIFIER: np.array([2, 2])})
+
+
+@pytest.mark.parametrize("protocol", ["veto", "joint", "critique", "audit"])
+def test_progress__pays_each_step_towards_the_goal(protocol: str):
+    settings: dict[str, Any] = {"protocol": protocol, "configuration": "TowerFlipIt", "split": "dev"}
+    shaped = {PROPOSER: {"mdp": 1, "progress": 0.5}, VERIFIER: {"progress": 0.25}}
+    batch, plain = BatchedGames(8, rewards=shaped, **settings), BatchedGames(8, rewards="common", **settings)
+    solver = Solver(batch._game.dynamics)
+    observations, _ = batch.reset(seed=0)
+    plain.reset(seed=0)
+    rng, has_paid = np.random.default_rng(0), False
+    for _ in range(30):
+        before = [batch._games.mdp(index) for index in range(8)]
+        masks = [observations[agent]["action_mask"] for agent in (PROPOSER, VERIFIER)]
+        chosen = [np.array([rng.choice(np.flatnonzero(row)) for row in mask]) for mask in masks]
+        actions = dict(zip((PROPOSER, VERIFIER), chosen, strict=True))
+        observations, rewards, terminated, truncated, _ = batch.step(actions)
+        _, unshaped, *_ = plain.step(actions)
+        for index, state in enumerate(before):
+            if (terminated | truncated)[index]:
+                continue
+            after = batch._games.mdp(index)
+            lengths = [len(solver.solve_from(each._replace(steps=0)).actions or ()) for each in (state, after)]
+            progress = lengths[0] - lengths[1]
+            has_paid |= progress != 0
+            assert rewards[PROPOSER][index] == pytest.approx(unshaped[PROPOSER][index] + 0.5 * progress)
+            assert rewards[VERIFIER][index] == pytest.approx(0.25 * progress)
+    assert has_paid

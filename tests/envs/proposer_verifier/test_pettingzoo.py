@@ -235,6 +235,8 @@ def test_options__set_task_and_intent_or_change_nothing(form: str, statement: st
             with pytest.raises(ValueError, match=message):
                 game.reset(seed=1, options=options)
         assert game.unwrapped.task == GIVEN
+    game.reset(seed=2, options={"camera": "left", "task": GIVEN})  # of another layer
+    assert game.unwrapped.task == GIVEN
     game.reset(seed=2, options={"task": None, "intent": None})
     assert game.unwrapped.task in tasks
 

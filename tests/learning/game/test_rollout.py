@@ -25,7 +25,7 @@ GAMMA, LAMBDA = 0.9, 0.8
 
 def game(acted: list[int], values: list[float], rewards: list[float], ended: list[int]) -> Rollout:
     """A rollout of one game with the proposer's turns."""
-    found = Rollout((), len(acted), 1)
+    found = Rollout(Game(GameSettings()), (), len(acted), 1)
     found.acted[0, :, 0], found.values[0, :, 0], found.rewards[0, :, 0] = acted, values, rewards
     found.ended[:, 0] = ended
     return found

@@ -1,0 +1,190 @@
+"""Agents of the game that see what their views show, and messages between them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.cli import main
+from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames, GameSettings, Role, View, measure, parallel_env
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
+from lilgym_mp.envs.proposer_verifier.partners import BatchTurn
+from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.game.agent import GameAgent
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
+from lilgym_mp.learning.game.training import Run, train_game
+
+SMALL = GameRecipe(
+    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
+)
+INDEPENDENT = replace(SMALL, algorithm="independent")
+GUIDED = GameSettings(protocol="critique", views="guide")
+EYES_SHUT = View(statement="none", target=False)
+
+
+def trained(path: Path, settings: GameSettings, recipe: GameRecipe = INDEPENDENT, **options: Any) -> GameAgent:
+    train_game(settings, recipe, path, steps=128, device="cpu", **options)
+    agent = open_agent(path, "cpu")
+    assert isinstance(agent, GameAgent)
+    return agent
+
+
+def first_turns(settings: GameSettings, role: Role, count: int = 40) -> BatchTurn:
+    """An agent's turns in games of different tasks, all with an empty scene and no message."""
+    games, rows = (
+        ObservedGames(Game(replace(settings, views="image", message_size={"proposer_0": 0, "verifier_0": 13})), count),
+        np.arange(count),
+    )
+    games.start(rows, rows, np.zeros(count, np.int64))
+    return BatchTurn(games, role, rows, rows, [np.random.default_rng(0)] * count)
+
+
+def test_guide__hides_statement_and_target_from_the_proposer_and_gives_a_message_for_each_action():
+    proposer, verifier = GUIDED.views_by_role()
+    assert (proposer.statement, proposer.target, proposer.scene) == ("none", False, "image")
+    assert verifier == View()
+    assert GUIDED.message_sizes() == (0, 13)
+    assert replace(GUIDED, protocol="joint").message_sizes() == (0, 0)
+    seen = BatchedGames(2, protocol="critique", views="guide").reset(seed=0)[0]
+    assert seen["proposer_0"]["observation"].keys() == {"image", "proposal", "refused", "message"}
+    with pytest.raises(ValueError, match="views 'guide' are of both agents"):
+        GameSettings(views={"proposer_0": "guide", "verifier_0": "image"}).views_by_role()
+
+
+@pytest.mark.parametrize("algorithm", ["independent", "shared"])
+def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algorithm: str):
+    agent = trained(tmp_path, GUIDED, replace(SMALL, algorithm=algorithm))
+    logits: dict[Role, Any] = {}
+    for role in Role:
+        turn = first_turns(GUIDED, role)
+        partner: Any = agent.partner(role)
+        choice = partner._policy(turn).choice
+        logits[role] = choice.probabilities() if role is Role.PROPOSER else choice._log_probs
+    assert torch.allclose(logits[Role.PROPOSER], logits[Role.PROPOSER][:1], atol=1e-6)
+    assert not torch.allclose(logits[Role.VERIFIER], logits[Role.VERIFIER][:1], atol=1e-6)
+
+
+def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path: Path):
+    agent = trained(tmp_path, GUIDED)
+    assert agent.game.views_by_role() == GUIDED.views_by_role()
+    players: Any = [agent.partner(role) for role in Role]
+    own, other = (
+        parallel_env(protocol="critique", views=views, split="dev", message_size={"proposer_0": 0, "verifier_0": 13})
+        for views in ("guide", "structured")
+    )
+    tasks = own.tasks.ids[:20]
+    assert measure(own, *players, tasks=tasks) == measure(other, *players, tasks=tasks)
+
+
+def test_settings__are_saved_with_views_unless_both_agents_see_everything():
+    assert "views" not in GameSettings(views="structured").to_json()
+    assert GUIDED.to_json()["views"] == "guide"
+    blind = GameSettings(views={"proposer_0": EYES_SHUT, "verifier_0": View(history=2)})
+    again = GameSettings.from_json(json.loads(json.dumps(blind.to_json())))
+    assert again.views_by_role() == blind.views_by_role()
+
+
+@pytest.mark.parametrize("protocol", ["critique", "joint"])
+def test_train__networks_are_built_from_every_part_of_a_view(tmp_path: Path, protocol: str):
+    views = {
+        "proposer_0": View(scene="none", history=2, refused=False),
+        "verifier_0": View(scene="none", statement="tokens", history=1),
+    }
+    sizes = {"proposer_0": 2, "verifier_0": 3}
+    settings = GameSettings(protocol=protocol, views=views, message_size=sizes)
+    agent = trained(tmp_path, settings)
+    players: Any = [agent.partner(role) for role in Role]
+    env = parallel_env(protocol=protocol, views=views, message_size=sizes, split="dev")
+    assert measure(env, *players, tasks=env.tasks.ids[:5]).games == 5
+    short = parallel_env(protocol=protocol, message_size=sizes, split="dev")
+    with pytest.raises(AgentError, match="a history of 2 turns in its views; the game keeps 0"):
+        measure(short, *players, tasks=env.tasks.ids[:5])
+
+
+def test_situations__leave_out_what_a_view_hides_and_add_past_turns():
+    views = {"proposer_0": View(refused=False, history=2), "verifier_0": View(scene="none", proposal=True)}
+    game = Game(GameSettings(protocol="critique", views=views, message_size={"proposer_0": 0, "verifier_0": 4}))
+    games, row = ObservedGames(game, 1), np.zeros(1, np.int64)
+    games.start(row, row, row)
+    edit, reject_with_message = 2, 3
+    games.step(np.array([edit]), row)
+    items, context = read_situations(games, Role.VERIFIER, row)
+    assert (items == -1).all()
+    assert context[0, PENDING] == 2
+    assert context[0, -1] == edit + 1  # the proposal itself, as no scene shows it
+    games.step(row, np.array([reject_with_message]))
+    _, context = read_situations(games, Role.PROPOSER, row)
+    assert context[0, REFUSED] == 0
+    none, reject = 0, 1  # numbers are shifted by one
+    turns = context[0, len(CONTEXT) : -1].reshape(2, 4).tolist()
+    assert turns == [[edit + 1, none, 1, 1], [none, reject, 1, 1 + reject_with_message]]
+    assert len(context_sizes(game)) == context.shape[1]
+
+
+def test_views_without_a_claim__are_refused_in_one_line(tmp_path: Path):
+    blind = {"proposer_0": View(), "verifier_0": EYES_SHUT}
+    with pytest.raises(ValueError, match=r"'audit' has verifier_0 judge .* views show it no statement, and proposer_0"):
+        Run(GameSettings(protocol="audit", views=blind), SMALL, tmp_path, steps=64, device="cpu")
+
+
+def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path: Path):
+    trained(tmp_path / "four", GameSettings(protocol="critique"))
+    sizes = r"message_size \{'proposer_0': 0, 'verifier_0': 4\}; this game has \{'proposer_0': 0, 'verifier_0': 13\}"
+    with pytest.raises(AgentError, match=sizes):
+        Run(GUIDED, INDEPENDENT, tmp_path / "other", steps=64, proposers=[tmp_path / "four"], device="cpu")
+    with pytest.raises(AgentError, match="guide needs one message of verifier_0 for each action"):
+        Run(GameSettings(protocol="critique"), SMALL, tmp_path / "g", steps=64, verifiers=[Path("guide")], device="cpu")
+
+
+@pytest.mark.long
+def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path: Path, three: str):
+    recipe = replace(INDEPENDENT, envs=64, rollout=2048, batch_size=256, epochs=2, learning_rate=3e-3, width=32)
+    settings = replace(GUIDED, corpus=three)
+    train_game(settings, recipe, tmp_path, steps=40_960, device="cpu", verifiers=[Path("guide")])
+    said = ["--out", str(tmp_path / "said.json")]
+    assert main(["evaluate", str(tmp_path), *said]) == 0
+    assert main(["evaluate", str(tmp_path), "--messages", "silenced", "--out", str(tmp_path / "silent.json")]) == 0
+    told, silent = (
+        next(
+            entry["success"]
+            for entry in json.loads((tmp_path / f"{name}.json").read_text())["results"]
+            if entry["verifier"] == "guide"
+        )
+        for name in ("said", "silent")
+    )
+    assert told > 0.9
+    assert silent < told - 0.2
+
+
+def test_messages__start_varied_and_depend_on_each_box(tmp_path: Path):
+    run = Run(GUIDED, SMALL, tmp_path, steps=64, device="cpu")
+    network: Any = run.networks["shared"]
+    first, weights = int(network._offsets[3]), network.context.weight.detach()
+    assert 0.7 < float(weights[first : first + 14].std()) < 1.3
+    assert float(weights[:first].std()) < 0.1
+    assert network.box_messages[Role.VERIFIER].weight.norm(dim=1).allclose(torch.ones(14))
+
+
+def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path: Path):
+    said: list[str] = []
+    recipe = replace(SMALL, envs=32)  # two turns
+    train_game(GameSettings(protocol="veto"), recipe, tmp_path, steps=128, device="cpu", say=said.append)
+    (warning,) = [line for line in said if line.startswith("warning")]
+    assert warning.startswith("warning: in a rollout of 2 turns, ")
+    assert "games side by side do not end" in warning
+    line = json.loads((tmp_path / "progress.jsonl").read_text().splitlines()[0])
+    assert 0.1 < line["unfinished"] <= 1
+
+
+def test_progress_reward__is_paid_to_learners(tmp_path: Path):
+    rewards = {agent: {"mdp": 1, "progress": 0.3} for agent in AGENTS}
+    trained_agent = trained(tmp_path, GameSettings(protocol="joint", rewards=rewards))
+    assert trained_agent.game.rewards == rewards
