@@ -23,6 +23,11 @@ class Reply(NamedTuple):
     understood: bool  # False: no action or several, so `action` is the default
 
 
+# Outcomes of replies that are not the model's answer
+CUT, FILTERED, REFUSED, FAILED, NOT_UNDERSTOOD = "cut", "filtered", "refused", "failed", "not_understood"
+NORMAL_ENDS = frozenset(("stop", "stop_sequence", "end_turn", "eos", "eos_token", "tool_calls", "function_call"))
+_ENDS = {"length": CUT, "max_tokens": CUT, "content_filter": FILTERED, "safety": FILTERED, "refusal": REFUSED}
+
 ASK_AGAIN = "That does not name exactly one action. Write the name of one legal action on a line of its own."
 
 MAX_REPLY = 500_000  # characters; a longer reply is not understood
@@ -101,6 +106,16 @@ def parse_reply(
     if action is None or action == UNREADABLE:
         return Reply(default, understood=False)
     return Reply(action, understood=True)
+
+
+def unusual_end(finish_reason: object) -> str | None:
+    """The outcome of a reply that a server ended so: CUT, FILTERED, REFUSED or FAILED; None if it ended normally.
+
+    A server that gives no reason counts as normal.
+    """
+    if finish_reason is None or str(finish_reason).lower() in NORMAL_ENDS:
+        return None
+    return _ENDS.get(str(finish_reason).lower(), FAILED)
 
 
 def reply_text(content: object) -> str | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.options import CommandError, add_thoughts
-from lilgym_mp.corpus.records import read_text
+from lilgym_mp.corpus.records import parse_object, read_text
 from lilgym_mp.evaluation.files import fresh_file, write_json
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         metavar="REPLIES",
-        help='JSON lines {"id": ..., "reply": ...}, with "sample": N if a prompt has several',
+        help='JSON lines {"id": ..., "reply": ...}, with "sample": N if a prompt has several, and "finish_reason"',
     )
     add_thoughts(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the summary and every score with its reason")
@@ -48,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     rows = _rows(args.prompts)
     scores: list[dict[str, Any]] = []
     for row, record in _replies(args.answers, args.prompts, rows):
-        found = score(record["reply"], row, thoughts=args.thoughts or THOUGHTS)
+        found = score(
+            record["reply"], row, thoughts=args.thoughts or THOUGHTS, finish_reason=record.get("finish_reason")
+        )
         sample = {"sample": record["sample"]} if "sample" in record else {}
         scores.append(
             {"id": row.id, **sample, "reward": found.reward, "outcome": found.outcome, "details": found.details}
@@ -116,26 +118,29 @@ def _rows(path: Path) -> dict[str, Row]:
 
 def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
     """The rows with their replies, without repetitions. Raises CommandError."""
-    known: dict[str, tuple[str, Any]] = {}  # place and text of each reply
+    known: dict[str, tuple[str, str]] = {}  # place and reply, as JSON, of each
     for place, record in _records(path):
-        if not isinstance(record, dict) or not {"id", "reply"} <= record.keys():
+        if not {"id", "reply"} <= record.keys():
             raise CommandError(f'{place}: a reply must be an object with "id" and "reply"')
         row = rows.get(record["id"]) if isinstance(record["id"], str) else None
         if row is None:
             raise CommandError(f"{place}: {prompts} has no row {record['id']!r:.80}")
         kind = "sample" if "sample" in record else "reply"  # what tells replies to a row apart
-        first, text = known.setdefault(json.dumps([row.id, kind, record[kind]]), (place, record["reply"]))
-        if text != record["reply"]:
-            raise CommandError(f"{place}: another reply to {row.id!r:.80} as sample {record['sample']!r}: {first}")
+        said = json.dumps([record["reply"], record.get("finish_reason")])  # NaN is not equal to itself
+        first, text = known.setdefault(json.dumps([row.id, kind, record[kind]]), (place, said))
+        if text != said:
+            raise CommandError(
+                f"{place}: another reply to {row.id!r:.80} as sample {record.get('sample')!r:.80}: {first}"
+            )
         if first == place:
             yield row, record
 
 
-def _records(path: Path) -> Iterator[tuple[str, Any]]:
-    """The JSON value of each non-empty line, with its place. Raises CommandError."""
+def _records(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The JSON object on each non-empty line, with its place. Raises CommandError."""
     for number, line in enumerate(read_text(path)[0].split("\n"), 1):
         if line.strip():
             try:
-                yield f"{path}, line {number}", json.loads(line)
-            except (ValueError, RecursionError) as error:
-                raise CommandError(f"{path}, line {number}: not JSON: {error!s:.200}") from None
+                yield f"{path}, line {number}", parse_object("a line", line)
+            except ValueError as error:
+                raise CommandError(f"{path}, line {number}: {error!s:.200}") from None

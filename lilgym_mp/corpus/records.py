@@ -68,14 +68,15 @@ def read_bytes(path: Path) -> bytes:
 def parse_object(what: str, text: str) -> dict[str, object]:
     """The JSON object in `text`. Raises ValueError for invalid JSON, duplicate keys or another value."""
     try:
-        return as_object(what, json.loads(text, object_pairs_hook=_object))
+        return as_object(what, json.loads(text, object_pairs_hook=unique_keys))
     except json.JSONDecodeError as fault:
         raise ValueError(f"not JSON: {fault}") from None
     except RecursionError:
         raise ValueError("not JSON that can be read: nested too deeply") from None
 
 
-def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
+def unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """The object of these pairs, for `json.loads`. Raises ValueError for a duplicate key."""
     result = dict(pairs)
     if len(result) != len(pairs):
         repeated = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import json
+import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
+from lilgym_mp.cli.llm_play import drawn
 from lilgym_mp.contrib.llm import Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
@@ -63,13 +65,14 @@ def test_expert__succeeds_through_text(configuration: str, scene: str):
     assert all(episode.progression == 1 for episode in episodes)
 
 
-def test_unparseable_answer__is_retried_and_then_counts_as_stop():
+def test_unparseable_answer__is_retried_and_then_ends_the_episode_without_a_stop():
     agent = Scripted("hm", "ADD(LEFT, BLUE)", "what?", "whatever")
     player = Player(Settings("TowerScratch"), agent, retries=1)
     episode = player.play(player.task_ids()[0])
     assert [turn.understood for turn in episode.turns] == [False, True, False, False]
-    assert [turn.action for turn in episode.turns] == [None, "ADD(LEFT, BLUE)", None, "STOP"]
-    assert episode.actions == ["ADD(LEFT, BLUE)", "STOP"]
+    assert [turn.action for turn in episode.turns] == [None, "ADD(LEFT, BLUE)", None, None]
+    assert episode.actions == ["ADD(LEFT, BLUE)"]
+    assert (episode.outcome, episode.is_success) == ("not_understood", False)
     assert "Rewards: STOP +1" in agent.received[0][0]["content"]
     assert [message["role"] for message in agent.received[1]] == ["system", "user", "assistant", "user"]
 
@@ -190,7 +193,7 @@ def test_openai__reads_parts_and_reasoning(message: dict[str, Any], answer: str)
     ):
         given = OpenAIAgent("tiny", url=url).answer([])
     reasoning = "Hm." if "Hm." in message.values() else None
-    assert given == Answer(answer, None, None, reasoning)
+    assert given == Answer(answer, None, None, reasoning, problem="refused" if "refusal" in message else None)
 
 
 def test_openai__counts_the_calls_that_it_retries():
@@ -203,8 +206,8 @@ def test_openai__counts_the_calls_that_it_retries():
     ("status", "content", "message"),
     [
         (401, {"error": "no such key: SECRET"}, r"AuthenticationError: Error code: 401 .*no such key: \.\.\."),
-        (200, {"error": "odd"}, "TypeError"),
-        (200, b"<html>", "Error"),
+        (200, {"error": "odd"}, "the server reported an error: odd"),
+        (200, b"<html>", "not a chat completion; is /v1 missing from the url"),
         (500, b"broken", "InternalServerError"),
     ],
 )
@@ -311,11 +314,198 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
     assert len(requests) == 8
 
 
-def test_command__writes_to_a_directory_by_default(capsys: pytest.CaptureFixture[str]):
-    for directory in (Path("runs/llm-TowerFlipIt-expert"), Path("runs/llm-TowerFlipIt-expert-2")):
-        assert play("--agent expert --episodes 1") == 0
-        assert f"results      {directory}" in capsys.readouterr().out
-    assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
+def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished_one(
+    capsys: pytest.CaptureFixture[str],
+):
+    down = [2]
+    with served(lambda body, number: (400, {"error": "x"}) if number in down else (200, chat("STOP"))) as (url, asked):
+        command = f"--agent openai --option url={url} model=m top_p=0.5 --episodes 3 --concurrency 1"
+        directory = Path("runs/llm-TowerFlipIt-openai-m")
+        assert play(command) == 0
+        assert f"results      {directory}\n" in capsys.readouterr().out
+        assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
+        assert play(command) == 0
+        assert f"continues    {directory}, 2 of 3 episodes are there" in capsys.readouterr().out
+        assert len(asked) == 4
+        assert play(command) == 2
+        assert f"{directory} has this run, all 3 episodes" in capsys.readouterr().err
+        assert len(asked) == 4
+        assert play(command.replace("top_p=0.5", "top_p=0.6")) == 0
+        assert f"results      {directory}-2\n" in capsys.readouterr().out
+        assert play(f"{command} --force") == 0
+        assert len(asked) == 10
+
+
+def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys: pytest.CaptureFixture[str]):
+    command = "--agent expert --episodes 1"
+    assert play(command) == 0
+    summary = Path("runs/llm-TowerFlipIt-expert/summary.json")
+    stored = json.loads(summary.read_text())
+    sha256 = stored["settings"]["tasks_sha256"]
+    stored["settings"]["tasks_sha256"] = "other"
+    summary.write_text(json.dumps(stored))
+    assert play(command) == 2
+    assert f"was played with tasks_sha256 'other', not '{sha256}'" in capsys.readouterr().err
+
+
+def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with served(lambda body, number: (200, chat("STOP"))) as (url, asked):
+        words = ["--agent", "openai", "--episodes", "1", "--out", str(tmp_path), "--option", f"url={url}", "model=1e3"]
+        assert main(["llm", "play", "TowerFlipIt", *words, 'extra_body={"top_k": 3, "api_token": "SECRET"}']) == 0
+        assert asked[0]["model"] == "1e3"
+        stored = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+        assert stored["extra_body"]["top_k"] == 3
+        assert stored["extra_body"]["api_token"].startswith("sha256:")
+        other = ["--resume", 'extra_body={"top_k": 4, "api_token": "SECRET"}']
+        assert main(["llm", "play", "TowerFlipIt", *words[:-3], other[0], *words[-3:], other[1]]) == 2
+    error = capsys.readouterr().err
+    assert "'top_k': 3" in error
+    assert "'top_k': 4" in error
+    assert "SECRET" not in error
+
+
+def test_limited_episodes__are_drawn_over_statements():
+    tasks = TOWER.tasks("dev")
+    statements = len({task.statement for task in tasks})
+    chosen = drawn(tasks, statements, 0)
+    assert len({tasks.by_id(task_id).statement for task_id in chosen}) == statements
+    assert set(drawn(tasks, 5, 0)) < set(chosen)
+    assert drawn(tasks, 5, 0) != list(tasks.ids[:5])
+    assert drawn(tasks, None, 0) == drawn(tasks, 10**6, 1) == list(tasks.ids)
+
+
+def ended(text: str | None, finish_reason: str, **message: Any) -> dict[str, Any]:
+    return {"choices": [{"message": {"content": text, **message}, "finish_reason": finish_reason}]}
+
+
+@pytest.mark.parametrize(
+    ("body", "outcome"),
+    [
+        (ended("STOP", "length"), "cut"),
+        (ended("STOP", "content_filter"), "filtered"),
+        (ended(None, "content_filter"), "filtered"),
+        (ended(None, "stop", refusal="I cannot say STOP."), "refused"),
+        (ended(None, "stop", refusal="STOP"), "refused"),
+        (ended("STOP", "stop", refusal="STOP"), "refused"),
+        (ended(None, "stop"), "not_understood"),
+        (ended("Hm.", "stop"), "not_understood"),
+        (ended("STOP", "stop"), "wrong_stop"),
+    ],
+)
+def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(
+    body: dict[str, Any], outcome: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with served(lambda request, number: (200, body)) as (url, _):
+        assert play(f"--agent openai --option url={url} model=m --episodes 2 --out {tmp_path}") == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["outcomes"] == {outcome: 2}
+    assert summary["successes"] == 0
+    assert f"outcomes     {outcome} 2" in capsys.readouterr().out
+    problems = {name: number for name, number in summary["problems"].items() if number}
+    assert problems == ({} if outcome == "wrong_stop" else {outcome: 4})
+    for line in (tmp_path / "transcripts.jsonl").read_text().splitlines():
+        assert ("STOP" in json.loads(line)["actions"]) == (outcome == "wrong_stop")
+
+
+ODD_BODIES: dict[str, tuple[int, Any, str]] = {
+    "error in a 200": (200, {"error": {"message": "no such model SECRET"}}, "no such model"),
+    "error as text": (200, {"error": "quota is used up"}, "quota is used up"),
+    "HTML": (200, b"<html><body>Welcome SECRET</body></html>", "not a chat completion; is /v1 missing"),
+    "empty": (200, b"", "not a chat completion"),
+    "text": (200, b'"hello"', "not a chat completion"),
+    "list": (200, [], "not a chat completion"),
+    "null": (200, None, "not a chat completion"),
+    "number": (200, 7, "not a chat completion"),
+    "nested": (200, b"[" * 100_000, "not a chat completion"),
+    "no choice": (200, {"choices": []}, "not a chat completion"),
+    "choices null": (200, {"choices": None}, "not a chat completion"),
+    "choices text": (200, {"choices": "STOP"}, "not a chat completion"),
+    "choice text": (200, {"choices": ["STOP"]}, "not a chat completion"),
+    "message null": (200, {"choices": [{"message": None}]}, "not a chat completion"),
+    "message text": (200, {"choices": [{"message": "STOP"}]}, "not a chat completion"),
+    "choice's error": (200, {"choices": [{"message": {}, "error": {"message": "upstream"}}]}, "upstream"),
+    "other end": (200, ended("STOP", "error"), "ended with finish_reason 'error'"),
+    "odd end": (200, {"choices": [{"message": {"content": "STOP"}, "finish_reason": [1]}]}, "finish_reason [1]"),
+    "not text": (401, b"\xff\xfe SECRET", "401"),
+    "detail": (404, {"detail": "Not Found SECRET"}, "Not Found"),
+}
+
+
+@pytest.mark.parametrize("case", ODD_BODIES)
+def test_command__shows_the_servers_words_and_no_secret(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("OPENAI_API_KEY", "SECRET-KEY")
+    status, content, message = ODD_BODIES[case]
+    with served(lambda request, number: (status, content)) as (url, _):
+        url = f"{url.replace('//', '//user:SECRET@')}?token=SECRET"
+        headers = 'extra_headers={"X-Pass": "SECRET"}'
+        words = ["--option", f"url={url}", "model=m", "retries=0", headers]
+        assert play(f"--agent openai --episodes 1 --out {tmp_path}", *words) == 2
+    printed = "".join(capsys.readouterr())
+    assert message in printed
+    for text in (printed, *(file.read_text() for file in tmp_path.iterdir())):
+        for bad in ("object has no attribute", "Traceback", "SECRET", "object is not"):
+            assert bad not in text
+
+
+@pytest.mark.parametrize("content", [5.5, True, {}, [], {"a": 1}, [None], [[]], [{"type": "text", "text": 3}]])
+def test_command__reads_no_answer_in_content_of_another_type(content: Any, tmp_path: Path):
+    body = {"choices": [{"message": {"content": content, "reasoning": [3]}}], "usage": [1]}
+    with served(lambda request, number: (200, body)) as (url, _):
+        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path}") == 0
+    assert json.loads((tmp_path / "summary.json").read_text())["outcomes"] == {"not_understood": 1}
+
+
+def test_openai__retries_a_rate_limit_within_a_200():
+    busy = {"error": {"code": 429, "message": "Rate limit reached"}}
+    with served(lambda body, number: (200, chat("ok") if number > 1 else busy)) as (url, _):
+        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
+
+
+def test_openai__names_an_unknown_host_and_the_cause():
+    with pytest.raises(AgentError, match=r"http://nowhere.invalid/v1/: APIConnectionError.*\(ConnectError: .*\w"):
+        OpenAIAgent("tiny", url="http://nowhere.invalid/v1", retries=0).answer([])
+
+
+def test_openai__ends_a_request_of_one_byte_a_second_after_the_time_limit():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def drip() -> None:
+            connection, _ = server.accept()
+            with connection, suppress(OSError):
+                for byte in b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n":
+                    connection.send(bytes([byte]))
+                    time.sleep(0.1)
+
+        threading.Thread(target=drip, daemon=True).start()
+        url = f"http://127.0.0.1:{server.getsockname()[1]}/v1"
+        with pytest.raises(AgentError, match=r"the request took longer than 0\.5 seconds"):
+            OpenAIAgent("tiny", url=url, retries=0, timeout=0.5).answer([])
+
+
+class Rejecting:
+    """Raises an error with its options, when constructed or when asked."""
+
+    def __init__(self, password: str, at_once: bool = False) -> None:
+        self.password = password
+        if at_once:
+            raise ValueError(f"bad {password}")
+
+    def answer(self, messages: Sequence[Message]) -> str:
+        raise ValueError(f"bad {self.password}")
+
+
+@pytest.mark.parametrize("at_once", ["true", "false"])
+def test_command__errors_do_not_show_the_options_of_an_agent(at_once: str, capsys: pytest.CaptureFixture[str]):
+    words = ["--option", "password=SECRET", f"at_once={at_once}"]
+    assert play(f"--agent {__name__}:Rejecting --episodes 1", *words) == 2
+    printed = "".join(capsys.readouterr())
+    assert "bad ..." in printed
+    assert "SECRET" not in printed
+    assert all("SECRET" not in file.read_text() for file in Path().rglob("*.json*"))
 
 
 @pytest.mark.parametrize("reply", [b"STOP", Answer(None)])  # pyright: ignore[reportArgumentType]
@@ -350,6 +540,12 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent nobody", "unknown agent 'nobody'; choose from expert, openai, transformers"),
         ("--agent openai", "cannot be constructed with the options"),
         ("--agent openai --option url", "--option takes KEY=VALUE, not 'url'"),
+        ("--agent openai --option model=a model=b", "--option model is given twice"),
+        ("--agent openai --option =SECRET", "--option takes KEY=VALUE, not what stands in place 1"),
+        ("--agent openai --option top_p=NaN", "--option top_p must be finite"),
+        ('--agent openai --option extra_body={"a":1,"a":2}', "--option extra_body: duplicate key 'a'"),
+        ("--agent expert --prices nan 1", "must be a finite number of at least 0, not nan"),
+        ("--agent expert --prices 1 -1", "must be a finite number of at least 0, not -1"),
         ("--agent json:loads", "cannot be constructed with the options"),
         ("--agent os:abort.x", "name it module:Class, importable from here"),
         ("--agent openai --option url=ftp://x model=m", "url must begin with http:// or https://"),
@@ -447,16 +643,18 @@ class Model(Scripted):
 @pytest.mark.parametrize(
     ("agent", "options", "shown"),
     [
-        ("openai", ["--option", "url=URL?key=SECRET", "model=m"], ["model=m", "url=SAFE"]),
-        (f"{__name__}:Model", ["--option", "secret=SECRET", "model=m"], ["model=m", "secret=..."]),
-        (f"{__name__}:Model", ["--option=secret=SECRET", "--option=model=m"], ["model=m", "secret=..."]),
+        ("openai", ["--option", "url=URL?key=SECRET", "model=m"], {"model": "m", "url": "SAFE (sha256:"}),
+        (f"{__name__}:Model", ["--option", "secret=SECRET", "model=m"], {"model": "m", "secret": "sha256:"}),
+        (f"{__name__}:Model", ["--option=secret=SECRET", "--option=model=m"], {"model": "m", "secret": "sha256:"}),
     ],
 )
-def test_command__writes_no_secrets(agent: str, options: list[str], shown: list[str], tmp_path: Path):
+def test_command__writes_no_secrets(agent: str, options: list[str], shown: dict[str, str], tmp_path: Path):
     with served(lambda body, number: (200, chat("STOP"))) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
         assert play(f"--agent {agent} --episodes 1 --out {tmp_path}", *options) == 0
     recorded = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
-    assert recorded == [option.replace("SAFE", url) for option in shown]
+    assert recorded.keys() == shown.keys()
+    for name, value in shown.items():
+        assert recorded[name].startswith(value.replace("SAFE", url))
     for name in ("summary.json", "transcripts.jsonl"):
         assert "SECRET" not in (tmp_path / name).read_text()

@@ -86,6 +86,19 @@ def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pyte
     assert "success   100.0%" in capsys.readouterr().out
 
 
+def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    prompts = str(tmp_path / "prompts.jsonl")
+    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
+    first, second = (json.loads(line) for line in Path(prompts).read_text().splitlines())
+    nan = {"id": first["id"], "reply": float("nan")}
+    cut = {"id": second["id"], "reply": second["answer"], "finish_reason": "length"}
+    answers = written(tmp_path / "a", nan, nan, cut)
+    assert main(["llm", "score", prompts, "--answers", answers]) == 0
+    assert "outcomes  cut 1, not_understood 1" in capsys.readouterr().out
+
+
 def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
     assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
@@ -97,6 +110,7 @@ def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
         (prompts, written(tmp_path / "b", {"id": row["id"]}), "line 1: a reply must be an object"),
         (prompts, written(tmp_path / "c", "{\n"), "not JSON"),
         (prompts, written(tmp_path / "g", *samples), f"line 3: another reply to '{row['id']}' as sample 0: "),
+        (prompts, written(tmp_path / "h", '{"id": "a", "reply": "", "reply": "x"}\n'), "duplicate key 'reply'"),
         (prompts, written(tmp_path / "d", "[" * 100_000), "not JSON"),
         (prompts, written(tmp_path / "e"), "the file is empty"),
         (prompts, str(tmp_path / "none"), "cannot be read: No such file"),

@@ -290,6 +290,17 @@ def test_conversation__without_a_said_stop_is_no_success():
     assert Conversation(PLAN).step("STOP").reward == 0
 
 
+@pytest.mark.parametrize(("finish_reason", "outcome"), [("length", "cut"), ("content_filter", "filtered")])
+def test_reply__that_the_server_did_not_end_normally_is_not_read(finish_reason: str, outcome: str):
+    right = "ADD(LEFT, BLUE)\nSTOP"
+    assert score(right, PLAN, finish_reason="stop").reward == 1
+    assert score(right, PLAN, finish_reason=finish_reason)[:2] == (0.0, outcome)
+    talk = Conversation(PLAN)
+    talk.step("ADD(LEFT, BLUE)", "stop")
+    turns = [talk.step("STOP", finish_reason) for _ in range(2)]
+    assert [(turn.outcome, turn.reward, turn.done) for turn in turns] == [(outcome, 0, False), (outcome, 0, True)]
+
+
 def test_conversation__states_the_task_once_and_the_reward_that_it_gives():
     prompt = Conversation(PLAN).prompt
     for part in (TASK.statement, "Reward: 1 if you STOP", "Scene: three boxes", "Answer with one action"):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pkgutil import resolve_name
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
+from urllib.parse import unquote
 
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
@@ -27,6 +29,7 @@ class Answer(NamedTuple):
     completion_tokens: int | None = None
     reasoning: str | None = None  # thoughts that the model gave apart from the text; kept in transcripts
     retries: int = 0  # failed calls before this one
+    problem: str | None = None  # why the text is not the model's answer: "cut", "filtered" or "refused"
 
 
 class LanguageAgent(Protocol):
@@ -62,17 +65,19 @@ AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need furt
 def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageAgent:
     """The agent called `name`, one of AGENTS or "module:Class", constructed with `options` as keyword arguments.
 
-    Raises AgentError for a missing module or class, or invalid options.
+    Raises AgentError for a missing module or class, or invalid options, whose values it does not show.
     """
+    given = dict(options or {})
     path = name if ":" in name else choose("agent", name, AGENTS)
     try:
-        agent = resolve_name(path)(**(options or {}))
+        agent = resolve_name(path)(**given)
     except AgentError:
         raise
     except Exception as error:
         hint = "name it module:Class, importable from here" if ":" in name else "give options as --option KEY=VALUE"
-        given = f"with the options {dict(options or {})}; {hint}"
-        raise AgentError(f"agent {name!r} cannot be constructed {given}: {described(error)}") from error
+        known = f"with the options {', '.join(given) or 'none'}; {hint}"
+        reason = without_secrets(described(error), given)
+        raise AgentError(f"agent {name!r} cannot be constructed {known}: {reason}") from None
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")
     return agent
@@ -81,3 +86,46 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
 def described(error: BaseException) -> str:
     """The type and message of an error."""
     return f"{type(error).__name__}: {error}"
+
+
+_SECRET_NAME = re.compile(
+    "key|secret|passw|pwd|token(?!s|i)|auth|bearer|credential|cookie|header|signature|query", re.IGNORECASE
+)
+_SECRET_VALUE = re.compile(r"(?:sk|pk|hf|gsk|ghp|xai)[-_]\w|bearer\s|basic\s", re.IGNORECASE)
+
+
+def is_secret(name: str, value: object) -> bool:
+    """Whether an option, or a field within one, can hold a key, by its name or its value."""
+    return bool(_SECRET_NAME.search(name) or (isinstance(value, str) and _SECRET_VALUE.match(value)))
+
+
+def without_credentials(url: str) -> str:
+    """The URL without query, fragment and all before its last @ but the scheme: what can contain keys."""
+    return re.split("[?#]", re.sub(r"^(\w+://)?.*@", r"\1", url))[0]
+
+
+def without_secrets(text: str, options: Mapping[str, Any], *others: str) -> str:
+    """The text with "..." for the secrets among the options' values, and for `others`."""
+    found = {each for name, value in options.items() for each in _secrets(name, value, secret=False)}
+    for secret in sorted({*found, *others} - {""}, key=len, reverse=True):
+        text = text.replace(secret, "...")
+    return text
+
+
+def _secrets(name: str, value: object, *, secret: bool) -> set[str]:
+    """The secret texts in an option's value; all of them if what contains it is `secret`."""
+    secret = secret or is_secret(name, value)
+    if isinstance(value, Mapping):
+        fields = cast("Mapping[str, Any]", value)
+        return {each for key in fields for each in _secrets(str(key), fields[key], secret=secret)}
+    if isinstance(value, list):
+        return {each for item in cast("list[Any]", value) for each in _secrets(name, item, secret=secret)}
+    text = str(value)
+    if secret:
+        return {text}
+    if "://" not in text and "@" not in text:
+        return set()
+    user, sign, _ = text.partition("://")[2].rpartition("@")
+    parts = [user, *user.split(":", 1)[1:], *text.split("?", 1)[1:]] if sign else text.split("?", 1)[1:]
+    parts += [given for part in parts for _, equals, given in [part.partition("=")] if equals]
+    return {form for part in parts for form in (part, unquote(part))}

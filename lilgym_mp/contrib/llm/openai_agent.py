@@ -2,20 +2,41 @@
 
 from __future__ import annotations
 
+import json
 import os
-import re
-from collections.abc import Sequence
-from typing import Any
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from typing import Any, cast
 
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message, described
+from lilgym_mp.contrib.llm.agents import (
+    AgentError,
+    Answer,
+    Message,
+    described,
+    without_credentials,
+    without_secrets,
+)
 from lilgym_mp.corpus.extras import install
-from lilgym_mp.wrappers.replies import reply_text
+from lilgym_mp.wrappers.replies import FAILED, FILTERED, REFUSED, reply_text, unusual_end
 
 KEY_VARIABLE = "OPENAI_API_KEY"
-TIMEOUT_SECONDS = 120.0
+TIMEOUT_SECONDS = 120.0  # of a whole request
 DEFAULT_TOKENS = 512
-REFUSED = ("messages", "stream", "n")
+REFUSED_FIELDS = ("messages", "stream", "n")
 SHOWN = 300  # characters of a server's error
+BUSY = (408, 409, 429)  # besides 500 and above: status codes after which a request is sent again
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 8.0  # seconds before another attempt; doubled each time
+LONGEST_WAIT = 120.0  # seconds that a server may ask to wait
+
+
+class ServerError(ValueError):
+    """A server's reply that is no chat completion; `is_busy`: whether another attempt can help."""
+
+    def __init__(self, message: str, *, is_busy: bool = False) -> None:
+        super().__init__(message)
+        self.is_busy = is_busy
 
 
 class OpenAIAgent:
@@ -29,15 +50,16 @@ class OpenAIAgent:
         *,
         url: str | None = None,
         retries: int = 5,
+        timeout: float | None = TIMEOUT_SECONDS,
         temperature: float | None = 0.0,
         max_tokens: int | None = DEFAULT_TOKENS,
         **fields: Any,
     ) -> None:
         """`url`: such as "http://localhost:8000/v1"; by default the package's. The environment variable OPENAI_API_KEY
         has the API key; servers at a `url` may need none. `retries`: of a request to a busy or unreachable server.
-        `temperature`, `max_tokens`, `fields`: arguments of the package's `chat.completions.create`; None leaves one
-        out, `max_completion_tokens` replaces `max_tokens`. Raises AgentError for invalid arguments and without the
-        package."""
+        `timeout`: seconds for a whole request, to its last byte; None for no limit. `temperature`, `max_tokens`,
+        `fields`: arguments of the package's `chat.completions.create`; None leaves one out, `max_completion_tokens`
+        replaces `max_tokens`. Raises AgentError for invalid arguments and without the package."""
         try:
             import openai
         except ImportError:
@@ -47,41 +69,129 @@ class OpenAIAgent:
             raise AgentError(f"the key in {KEY_VARIABLE} must consist of printable ASCII characters")
         if not self._key and url is None:
             raise AgentError(f"set {KEY_VARIABLE} to the API key, or give the url of a server that needs none")
-        if url is not None and not url.startswith(("http://", "https://")):
-            raise AgentError(f"url must begin with http:// or https://, not {without_credentials(url)!r}")
+        if url is not None and not str(url).startswith(("http://", "https://")):
+            raise AgentError(f"url must begin with http:// or https://, not {without_credentials(str(url))!r}")
         for name in fields:
-            if name in REFUSED or "key" in name:
+            if name in REFUSED_FIELDS or "key" in name:
                 raise AgentError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")
-        self._client: Any = openai.OpenAI(
-            api_key=self._key or "none", base_url=url, timeout=TIMEOUT_SECONDS, max_retries=int(retries)
-        )
+        if timeout is not None and not (isinstance(timeout, int | float) and timeout > 0):
+            raise AgentError(f"timeout must be a number of seconds above 0 or null, not {timeout!r}")
+        self._openai: Any = openai
+        self._timeout, self._retries = timeout, int(retries)
+        self._client: Any = openai.OpenAI(api_key=self._key or "none", base_url=url, timeout=timeout, max_retries=0)
         if "max_completion_tokens" in fields and max_tokens == DEFAULT_TOKENS:
             max_tokens = None
         fields |= {"model": str(model), "temperature": temperature, "max_tokens": max_tokens}
         self._fields = {name: value for name, value in fields.items() if value is not None}
+        self._shown_url = without_credentials(str(self._client.base_url))
+        self._secrets = {**self._fields, "url": url}
 
     def answer(self, messages: Sequence[Message]) -> Answer:
         """Raises AgentError when the server refuses, cannot be reached after all retries, or gives no reply."""
+        for attempt in range(self._retries + 1):
+            try:
+                return self._asked(list(messages))._replace(retries=attempt)
+            except Exception as error:
+                if attempt == self._retries or not self._is_busy(error):
+                    text = without_secrets(_told(error), self._secrets, self._key)
+                    raise AgentError(f"{self._shown_url}: {text[:SHOWN]}") from None
+                time.sleep(_pause(error, attempt))
+        raise AgentError("retries must be 0 or more")
+
+    def _asked(self, messages: list[Message]) -> Answer:
+        create = self._client.chat.completions.with_raw_response.create
+        raw = _within(self._timeout, lambda: create(messages=messages, **self._fields))
+        return read_completion(raw.content if isinstance(raw.content, bytes) else str(raw.content).encode())
+
+    def _is_busy(self, error: Exception) -> bool:
+        status = getattr(error, "status_code", None)
+        if isinstance(status, int):
+            return status in BUSY or status >= 500
+        return isinstance(error, self._openai.APIConnectionError) or bool(getattr(error, "is_busy", False))
+
+
+def read_completion(body: bytes) -> Answer:
+    """The answer in the body of a chat completion. Raises ServerError, with the server's words, for another body."""
+    text = body.decode(errors="replace")
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        data = None
+    completion = cast("dict[str, Any]", data if isinstance(data, dict) else {})
+    _refuse_error(completion)
+    choices = completion.get("choices")
+    choice = choices[0] if isinstance(choices, list) and choices else None
+    message = choice.get("message") if isinstance(choice, dict) else None
+    if not isinstance(choice, dict) or not isinstance(message, dict):
+        raise ServerError(f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}")
+    _refuse_error(cast("dict[str, Any]", choice))
+    said = cast("dict[str, Any]", message)
+    reason = cast("dict[str, Any]", choice).get("finish_reason")
+    problem = unusual_end(reason)
+    if problem == FAILED:
+        raise ServerError(f"the answer ended with finish_reason {reason!r:.80}")
+    if said.get("refusal") and problem != FILTERED:
+        problem = REFUSED
+    refusal = said.get("refusal")
+    answer = reply_text(said.get("content")) or (refusal if isinstance(refusal, str) else "")
+    reasoning = reply_text(said.get("reasoning_content") or said.get("reasoning"))
+    usage = completion.get("usage")
+    counts = usage if isinstance(usage, dict) else {}
+    read, written = (_count(counts.get(name)) for name in ("prompt_tokens", "completion_tokens"))
+    return Answer(answer, read, written, reasoning=reasoning, problem=problem)
+
+
+def _refuse_error(data: Mapping[str, Any]) -> None:
+    """Raises ServerError for an error that a server reports with a status of success."""
+    error = data.get("error")
+    if error:
+        words = json.dumps(error, ensure_ascii=False) if isinstance(error, dict | list) else str(error)
+        lowered = words.lower()
+        code = cast("dict[str, Any]", error).get("code") if isinstance(error, dict) else None
+        is_busy = str(code) in ("429", "500", "502", "503", "529") or any(
+            sign in lowered for sign in ("rate limit", "rate_limit", "too many requests", "overloaded")
+        )
+        raise ServerError(f"the server reported an error: {words}", is_busy=is_busy)
+
+
+def _within(seconds: float | None, call: Callable[[], Any]) -> Any:
+    """The result of the call. Raises ServerError after this time; its thread then waits for the server on its own."""
+    future = Future[Any]()
+
+    def run() -> None:
         try:
-            raw = self._client.chat.completions.with_raw_response.create(messages=list(messages), **self._fields)
-            response: Any = raw.parse()
-            message = response.choices[0].message
-        except Exception as error:
-            url = without_credentials(str(self._client.base_url))
-            text = described(error)
-            if (body := getattr(error, "body", None)) and str(body) not in text:
-                text += f" {body}"
-            hidden = text.replace(self._key, "...") if self._key else text
-            raise AgentError(f"{url}: {hidden[:SHOWN]}") from None
-        text = reply_text(message.content) or getattr(message, "refusal", None) or ""
-        reasoning = getattr(message, "reasoning_content", None) or getattr(message, "reasoning", None)
-        counts = (_count(getattr(response.usage, name, None)) for name in ("prompt_tokens", "completion_tokens"))
-        return Answer(text, *counts, reasoning=reply_text(reasoning), retries=raw.retries_taken)
+            future.set_result(call())
+        except BaseException as error:
+            future.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        return future.result(seconds)
+    except TimeoutError:
+        if future.done():
+            raise
+        raise ServerError(f"the request took longer than {seconds:g} seconds", is_busy=True) from None
 
 
-def without_credentials(url: str) -> str:
-    """The URL without query, fragment and all before its last @ but the scheme: what can contain keys."""
-    return re.split("[?#]", re.sub(r"^(\w+://)?.*@", r"\1", url))[0]
+def _pause(error: Exception, attempt: int) -> float:
+    """Seconds before the next attempt: as the server asks, else longer each time."""
+    headers = getattr(getattr(error, "response", None), "headers", None) or {}
+    try:
+        asked = float(headers.get("retry-after", 0))
+    except ValueError:
+        asked = 0.0
+    return asked if 0 < asked <= LONGEST_WAIT else min(FIRST_PAUSE * 2**attempt, LONGEST_PAUSE)
+
+
+def _told(error: Exception) -> str:
+    """The error with its body, or else the first cause of it."""
+    text = described(error) if not isinstance(error, ServerError) else str(error)
+    if (body := getattr(error, "body", None)) and str(body) not in text:
+        text += f" {body}"
+    cause = error.__cause__
+    while cause is not None and cause.__cause__ is not None:
+        cause = cause.__cause__
+    return text if cause is None or str(cause) in text else f"{text} ({described(cause)})"
 
 
 def _count(value: object) -> int | None:

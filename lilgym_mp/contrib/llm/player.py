@@ -11,12 +11,12 @@ from typing import Any
 
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Message, described
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
-from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
-from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, answer_text
+from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, answer_text
 from lilgym_mp.wrappers.text import IMAGES, content_of
 
 
@@ -25,7 +25,8 @@ class Player:
     """Plays the tasks of one configuration with a text agent.
 
     `history`: past observations kept in the conversation. `retries`: further attempts after an answer that names no
-    action; then STOP is taken. `scene`: as for TextObservation; pictures are content parts of OpenAI's chat API.
+    action, or is cut, filtered or refused; then the episode ends so, without success and with the reward of an illegal
+    action, as in `rlvr.Conversation`. `scene`: as for TextObservation; pictures are content parts of OpenAI's chat API.
     `thoughts`: tags of thoughts, which are neither read nor sent again. `system`: False puts the rules into the first
     user message, for models without a system role.
     """
@@ -67,20 +68,25 @@ class Player:
             _call(begin, self.env, seed)
         turns: list[Turn] = []
         actions: list[str] = []
-        total, ended = 0.0, False
+        total, ended, outcome = 0.0, False, ""
         while not ended:
             messages.append({"role": "user", "content": content_of(text, info.get(IMAGES, []))})
             action = self._choose_action(messages, turns)
+            if action is None:
+                outcome, ended = str(turns[-1].problem), True
+                total += self.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
+                continue
             actions.append(describe(self.dynamics.appearance.decode(action)))
             text, reward, terminated, truncated, info = self.env.step(action)
             total, ended = total + float(reward), terminated or truncated
-        success = bool(info["is_success"])
+            outcome = str(info.get("outcome", ""))
+        success = outcome == str(Outcome.SUCCESS)
         task = start.task
         return Episode(
             task=task.id,
             statement=task.statement,
             target=task.target,
-            outcome=str(info["outcome"]),
+            outcome=outcome,
             reward=round(total, 6),
             progression=progression(self._solver, start, self._state(), success=success),
             actions=actions,
@@ -91,26 +97,28 @@ class Player:
     def _state(self) -> State:
         return self.env.get_wrapper_attr("state")
 
-    def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int:
-        """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`."""
+    def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int | None:
+        """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`. None if no answer names one."""
         for attempt in range(self.retries + 1):
             start = time.perf_counter()
             answer = _answer(_call(self.agent.answer, self._recent(messages)))
             seconds = time.perf_counter() - start
             parsed = self.env.parse_action(answer.text)
-            acts = parsed.understood or attempt == self.retries
-            name = describe(self.dynamics.appearance.decode(parsed.action)) if acts else None
-            turns.append(Turn(answer.text, parsed.understood, name, round(seconds, 6), *answer[1:]))
+            problem = answer.problem or (None if parsed.understood else NOT_UNDERSTOOD)
+            name = describe(self.dynamics.appearance.decode(parsed.action)) if problem is None else None
+            turns.append(Turn(answer.text, problem is None, name, round(seconds, 6), *answer[1:-1], problem))
             said = (answer_text(answer.text, self.thoughts) or "").strip()
             if said:
                 messages.append({"role": "assistant", "content": said})
-            if acts:
+            if problem is None:
                 return parsed.action
+            if attempt == self.retries:
+                break
             if said:
                 messages.append({"role": "user", "content": ASK_AGAIN})
             elif attempt == 0:  # an empty message is refused by many servers, as are two of the user in a row
                 messages[-1] = _extended(messages[-1], f"\n\n{ASK_AGAIN}")
-        raise AssertionError("the last attempt acts")
+        return None
 
     def _recent(self, messages: Sequence[Message]) -> list[Message]:
         """The rules, and the last 1 + `history` user messages with the answers in between."""

@@ -11,7 +11,9 @@ from typing import Any
 from lilgym_mp.contrib.llm.agents import Message
 from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver
+from lilgym_mp.wrappers.replies import CUT, FILTERED, NOT_UNDERSTOOD, REFUSED
 
+PROBLEMS = (CUT, FILTERED, REFUSED, NOT_UNDERSTOOD)  # of answers; an episode that ends with one has it as its outcome
 Z_95 = 1.959964  # normal quantile of a two-sided 95 % interval
 
 
@@ -21,12 +23,13 @@ class Turn:
 
     answer: str
     understood: bool
-    action: str | None  # the action taken; None if the agent was asked again
+    action: str | None  # the action taken; None if the answer named none
     seconds: float
     prompt_tokens: int | None
     completion_tokens: int | None
     reasoning: str | None = None  # what the server sent apart from the answer
     retries: int = 0  # failed calls before the answer
+    problem: str | None = None  # why no action was taken: one of PROBLEMS
 
 
 @dataclass(frozen=True)
@@ -118,8 +121,9 @@ def summarise(
         "mean_reward": statistics.fmean(episode.reward for episode in episodes),
         "mean_actions": statistics.fmean(len(episode.actions) for episode in episodes),
         "answers": len(turns),
-        "misunderstood": sum(not turn.understood for turn in turns),  # answers that named no action
-        "seconds": sum(turn.seconds for turn in turns),  # total time of the agent
+        "misunderstood": sum(not turn.understood for turn in turns),  # answers that named no action, of all problems
+        "problems": {name: sum(turn.problem == name for turn in turns) for name in PROBLEMS},  # answers by problem
+        "call_seconds": sum(turn.seconds for turn in turns),  # added up, also of calls at the same time
         "prompt_tokens": read,
         "completion_tokens": written,
         "outcomes": {outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},

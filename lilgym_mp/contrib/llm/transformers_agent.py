@@ -16,6 +16,7 @@ from PIL import Image
 
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message, described
 from lilgym_mp.corpus.extras import install
+from lilgym_mp.wrappers.replies import CUT
 
 GATHERING_SECONDS = 0.01  # before a batch is generated, for the requests of other threads
 
@@ -105,10 +106,11 @@ class TransformersAgent:
         return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
 
     def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
-        """Up to the first end; other special tokens are kept, as they may be the tags of thoughts."""
+        """Up to the first end, without which it is cut; other special tokens are kept, they may be tags of thoughts."""
         length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
         text = self._tokenizer.decode(tokens[:length], skip_special_tokens=False)
-        return Answer(text, prompt_tokens, min(length + 1, len(tokens)))
+        problem = CUT if length == len(tokens) else None
+        return Answer(text, prompt_tokens, min(length + 1, len(tokens)), problem=problem)
 
     def _readable(self, message: Message) -> Message:
         """The message with pictures in the library's form. Raises AgentError for a model that does not see."""

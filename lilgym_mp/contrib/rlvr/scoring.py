@@ -19,10 +19,10 @@ from lilgym_mp.envs.rules import State
 from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, parse_reply
+from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, parse_reply, unusual_end
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, text_of
 
-SUCCESS, WRONG, NO_STOP, NOT_UNDERSTOOD = "success", "wrong", "no_stop", "not_understood"  # besides the rules' outcomes
+SUCCESS, WRONG, NO_STOP = "success", "wrong", "no_stop"  # besides the rules' outcomes and those of replies
 REWARD_LINE = "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode."
 
 
@@ -34,12 +34,15 @@ class Score(NamedTuple):
     details: Mapping[str, Any]
 
 
-def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS) -> Score:
+def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish_reason: str | None = None) -> Score:
     """The score of a model's reply, a text, content parts or messages; anything else is not understood.
 
+    `finish_reason`: the server's, if known; a reply that was cut or filtered is not read, and that is its outcome.
     `thoughts`: tags of thoughts, which are not read (`wrappers.replies.THOUGHTS`). Raises RowError for a program row
     whose own program `checked_truths` refuses.
     """
+    if (problem := unusual_end(finish_reason)) is not None:
+        return Score(0.0, problem, {"reason": f"the reply ended with finish_reason {finish_reason!r:.80}"})
     try:
         outcome, details = _CHECKS[row.kind](reply, row, thoughts)
     except NotUnderstood as error:
@@ -133,14 +136,15 @@ class Conversation:
         """The picture that belongs to the last text, if scenes are shown as pictures."""
         return [picture(self.state.scene)] if self._is_seen and not self.done else []
 
-    def step(self, reply: object) -> Turn:
-        """`reply`: a text, content parts or messages. Raises ValueError after the end."""
+    def step(self, reply: object, finish_reason: str | None = None) -> Turn:
+        """`reply`: text, content parts or messages; `finish_reason`: as in `score`. Raises ValueError at the end."""
         if self.done:
             raise ValueError("the episode is over")
         appearance = self._dynamics.appearance
         shown = partial(is_shown, appearance, lambda: self._dynamics.legal_mask(self.state))
         parsed = parse_reply(reply, appearance, 0, shown, thoughts=self.thoughts)
-        if parsed.understood:
+        problem = unusual_end(finish_reason) or (None if parsed.understood else NOT_UNDERSTOOD)
+        if problem is None:
             self._failed, action = 0, appearance.decode(parsed.action)
             moved = self._dynamics.step(self.state, action)
             self.state, self.done = moved.state, moved.result.ends
@@ -148,7 +152,7 @@ class Conversation:
         else:
             self._failed += 1
             self.done = self._failed > self.retries
-            name, outcome = None, NOT_UNDERSTOOD
+            name, outcome = None, problem
         if self.done:
             return Turn(f"The episode is over: {outcome}.", float(outcome == SUCCESS), True, outcome, name)
         return Turn(ASK_AGAIN if name is None else self._text(), 0.0, False, outcome, name)
