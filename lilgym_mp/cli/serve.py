@@ -51,6 +51,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--token",
         help="token that visitors need, part of the printed link (default: a random one beyond loopback, else none)",
     )
+    parser.add_argument(
+        "--host-name",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="name under which a reverse proxy serves the pages; may be given several times",
+    )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
 
 
@@ -68,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         is_local = ipaddress.ip_address(address).is_loopback
         token = args.token or (None if is_local else secrets.token_urlsafe(24))
         hosts = (*LOOPBACK_HOSTS, args.host) if is_local else None
-        app = create_app(ServeOptions(args.corpus, args.database, runs, token, hosts))
+        app = create_app(ServeOptions(args.corpus, args.database, runs, token, hosts, tuple(args.host_name)))
         _serve(app, listening, link=_link(args.host, port, token), opens=args.open)
     return 0
 

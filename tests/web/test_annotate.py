@@ -140,3 +140,10 @@ def test_check__reports_the_parsers_error(browser: Browser, program: str):
     with pytest.raises(ProgramError) as fault:
         parse(program)
     assert (body["offset"], body["message"]) == (fault.value.offset, fault.value.reason)
+
+
+def test_annotation__posted_twice_is_one_row(browser: Browser):
+    program = scenes_of()[0].program
+    answers = [submit(browser, program, name=name) for name in ("Ada", "Ada", "Bea")]
+    assert {answer.status_code for answer in answers} == {201}
+    assert len(browser.get(f"{API}/annotations").text.splitlines()) == 2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import shutil
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -43,15 +45,21 @@ PAGES = (
 @contextmanager
 def served(directory: Path, **options: Any) -> Iterator[tuple[str, Any]]:
     """Runs a server in a thread; yields its URL and application."""
-    with server(directory, **options) as app:
-        running = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", lifespan="off"))
-        thread = threading.Thread(target=running.run, daemon=True)
-        thread.start()
-        while not running.started:
-            time.sleep(0.02)
-        yield f"http://127.0.0.1:{running.servers[0].sockets[0].getsockname()[1]}", app
-        running.should_exit = True
-        thread.join(20)
+    with server(directory, **options) as app, running(app) as port:
+        yield f"http://127.0.0.1:{port}", app
+
+
+@contextmanager
+def running(app: Any, **options: Any) -> Iterator[int]:
+    """Runs an application in a thread; yields its port."""
+    started = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", lifespan="off", **options))
+    thread = threading.Thread(target=started.run, daemon=True)
+    thread.start()
+    while not started.started:
+        time.sleep(0.02)
+    yield started.servers[0].sockets[0].getsockname()[1]
+    started.should_exit = True
+    thread.join(20)
 
 
 @pytest.fixture(scope="module")
@@ -315,7 +323,7 @@ def test_home__is_a_playable_tower_task(watched: Watched):
     assert page.inner_text("#target") in ("true", "false")
     page.keyboard.press("t")
     page.wait_for_selector("#end-title:has-text('Wrong STOP')")
-    assert page.locator("main a[href='/play']").count() == 1
+    assert page.locator("main a[href='./play']").count() == 1
     _assert_clean(watched)
 
 
@@ -553,7 +561,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         page.wait_for_selector("#step-line:has-text('Step 1 ')")
         page.reload()
         page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
-        _assert_clean(watched)
+        _assert_clean(watched, "/picture")  # a reload may cancel requests
 
 
 def _of_expert(title: str) -> bool:
@@ -571,7 +579,7 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched: Watched):
     assert page.is_hidden("#nothing")
     assert page.locator("#episodes button").count() == 12
     facts = page.inner_text(".side .facts >> nth=-1")
-    assert "when no edit of its plan is left" in facts
+    assert "when its plan has no action left" in facts
     assert "Satisfied readings" in facts
     page.press("#viewer", "End")
     page.press("#viewer", "ArrowLeft")  # the step at which it stops
@@ -597,3 +605,191 @@ def _play_out(page: Any) -> None:
             page.locator(".cells button.legal:not(:disabled)").first.click()
         page.wait_for_selector("#board:not([aria-busy])")
     raise AssertionError("the game did not end")
+
+
+def test_beat__the_shared_address_begins_the_same_tasks_anew(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched, watched_page(browser) as other:
+        page = watched.page
+        page.goto("/beat?seed=7")
+        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        page.click("#stop")
+        page.wait_for_selector("#rows tr")
+        other.page.goto(page.url)
+        other.page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        assert other.page.evaluate("tasks") == page.evaluate("tasks")
+        assert other.page.evaluate("episode.id") != page.evaluate("episode.id")
+        assert other.page.evaluate("episode.over") is False
+        page.reload()
+        page.wait_for_selector("#rows tr")
+
+
+def test_explore__the_link_to_recordings_opens_one_with_the_statement(browser: Any, tmp_path: Path):
+    from tests.web.test_watch import record
+
+    record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt")
+    record(tmp_path / "runs" / "b", "random-legal", "TowerFlipIt")
+    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser, url=url) as watched:
+        page = watched.page
+        page.goto("/explore/tower/dev/tower-dev-001")
+        title = page.inner_text("h1")
+        page.click("text=Watch recorded episodes with this statement")
+        page.wait_for_selector("#viewer .strip img")
+        assert page.inner_text(".side .statement") == title
+        page.goto("/watch?text=zyxwv")
+        page.wait_for_selector("#messages:has-text('No recording has an episode with “zyxwv”.')")
+
+
+def test_play__keys_act_beside_the_experts_solution_and_arrows_enter_the_board(page: Any):
+    _begin(page)
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector(".cells button:focus")
+    page.keyboard.press("e")
+    page.wait_for_selector("#expert-scene .forth:focus")
+    page.keyboard.press("a")
+    assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
+    page.keyboard.press("t")
+    page.wait_for_selector("#end-title:focus")
+
+
+def test_play__a_double_click_acts_once(page: Any):
+    page.goto("/play?configuration=TowerScratch")
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    page.dblclick(".cells button[data-column='1']")
+    page.wait_for_selector("#history:has-text('So far: ADD(MIDDLE, YELLOW)')")
+    page.evaluate("(act('ADD(LEFT, BLUE)'), act('ADD(LEFT, BLUE)'))")
+    page.wait_for_selector("#history:has-text('ADD(LEFT, BLUE)')")
+    page.wait_for_selector("#board:not([aria-busy])")
+    assert page.evaluate("episode.actions.length") == 2
+    assert page.inner_text("#messages") == ""
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("/play?configuration=towerflipit", "there is no configuration “towerflipit”; choose from"),
+        ("/play?split=exam", "there is no split “exam”; choose from"),
+        ("/play?task=nothing", "'nothing'"),
+        ("/play#stale", "there is no such episode"),
+        ("/#stale", "there is no such episode"),
+        ("/beat?configuration=tower", "there is no configuration “tower”"),
+    ],
+)
+def test_play__an_address_that_names_nothing_is_reported_beside_another_task(page: Any, address: str, said: str):
+    thrown: list[str] = []
+    page.on("pageerror", lambda fault: thrown.append(str(fault)))
+    page.goto(address)
+    page.wait_for_selector("#messages .error:has-text('This is another task.')")
+    assert said in page.inner_text("#messages")
+    assert page.locator("#episode:not([aria-busy]) .cells button:not(:disabled)").count() > 0
+    assert thrown == []
+
+
+def test_play__no_ghost_is_drawn_on_a_full_tower(page: Any):
+    page.goto("/play?configuration=TowerScratch")
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    for count in range(1, 5):
+        page.evaluate("act('ADD(LEFT, BLUE)')")
+        page.wait_for_function("count => episode.actions.length === count", arg=count)
+    page.hover(".cells button[data-column='1']")
+    assert page.locator(".ghost").count() == 1
+    page.hover(".cells button[data-column='0']")
+    assert page.locator(".ghost").count() == 0
+
+
+@pytest.mark.parametrize("shape", ["triangle", "circle", "square"])
+def test_game__a_proposed_item_of_any_shape_is_outlined(page: Any, shape: str):
+    page.goto("/game")
+    page.select_option("#preset", "judge")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#turn:text-matches('your turn')")
+    page.evaluate(
+        "shape => { drawGhost(board.proposed, { x: 180, y: 30, side: 30, shape, colour: 'blue' }, false);"
+        " board.proposed.classList.add('proposed'); }",
+        shape,
+    )
+    picture = Image.open(io.BytesIO(page.locator("#board .scene").screenshot())).convert("RGB")
+    pixels = np.asarray(picture, np.int64)
+    assert (np.abs(pixels - (0xD6, 0x00, 0x6C)).max(axis=2) < 70).sum() > 100
+
+
+def test_play__in_forced_colours_the_tools_of_a_phone_have_icons(page: Any):
+    page.set_viewport_size({"width": 360, "height": 740})
+    page.emulate_media(forced_colors="active")
+    _begin(page)
+    for selector in ("[data-value=TRIANGLE]", "[data-value=BLUE]", "[data-value=LARGE]"):
+        shown = Image.open(io.BytesIO(page.locator(f".tools {selector} .icon").screenshot())).convert("RGB")
+        around = Image.open(io.BytesIO(page.locator(f".tools {selector}").screenshot())).convert("RGB")
+        middle = shown.getpixel((shown.width // 2, shown.height // 2))
+        assert middle != around.getpixel((5, around.height // 2)), selector
+
+
+def test_annotate__a_completion_writes_a_call_only_where_a_value_is_expected(page: Any):
+    _annotate(page)
+    for typed, expected in (
+        ("exist(filter_obj(all_items, is_bl", "exist(filter_obj(all_items, is_blue"),
+        (
+            "exist(filter_obj(union(all_items, all_items), is_bl",
+            "exist(filter_obj(union(all_items, all_items), is_blue",
+        ),
+        ("exist(filter_obj(all_items, lambda x: is_bl", "exist(filter_obj(all_items, lambda x: is_blue("),
+        ("exi", "exist("),
+    ):
+        page.fill("#program", "")
+        page.locator("#program").press_sequentially(typed)
+        page.wait_for_selector("#completions li")
+        page.keyboard.press("Tab")
+        assert page.input_value("#program") == expected
+
+
+def _proxied(apps: dict[str, Any]) -> Any:
+    """A reverse proxy of several servers, by the prefix of their paths, which changes the Host header."""
+
+    async def proxy(scope: Any, receive: Any, send: Any) -> None:
+        prefix = "/" + scope["path"].split("/")[1]
+        headers = [(name, value) for name, value in scope["headers"] if name != b"host"]
+        path = scope["path"].removeprefix(prefix)
+        changed = {
+            "path": path,
+            "raw_path": path.encode(),
+            "scheme": "http",
+            "headers": [*headers, (b"host", b"inside")],
+        }
+        await apps[prefix]({**scope, **changed}, receive, send)
+
+    return proxy
+
+
+def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(browser: Any, tmp_path: Path):
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost", "-days", "2"]
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not installed")
+    subprocess.run([*command, "-keyout", key, "-out", certificate], check=True, capture_output=True)
+    options: Any = {"hosts": None, "host_names": ("localhost",)}
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    with (
+        server(tmp_path / "one", token="first-token", **options) as one,
+        server(tmp_path / "two", token="second-token", **options) as two,
+    ):
+        proxy = _proxied({"/one": one, "/two": two})
+        tls = {"ssl_keyfile": str(key), "ssl_certfile": str(certificate)}
+        with running(proxy, **tls) as port:
+            context = browser.new_context(base_url=f"https://localhost:{port}", ignore_https_errors=True)
+            page = context.new_page()
+            page.goto("/two/?token=second-token")
+            page.goto("/one/play?token=first-token")
+            page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+            page.click("#stop")
+            page.wait_for_selector("#end-title:has-text('Wrong STOP')")
+            for title in ("Watch", "Game", "Annotate", "Explore"):
+                page.click(f".top nav a:text-is('{title}')")
+                assert page.inner_text("h1") == {"Game": "Proposer and verifier"}.get(title, title)
+            page.click("#results a")
+            page.click("text=Play this task")
+            page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+            assert page.url.startswith(f"https://localhost:{port}/one/play?")
+            page.goto("/two/")
+            page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+            context.close()

@@ -61,6 +61,36 @@ def test_csrf__a_request_from_a_page_of_another_server_is_refused(app: Any, head
     assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == status
 
 
+@pytest.mark.parametrize(
+    "headers", [{"Origin": "https://lab.example"}, {"Origin": "https://x.example:8", "X-Forwarded-Host": "x.example:8"}]
+)
+def test_csrf__a_request_through_a_proxy_needs_its_name_or_x_forwarded_host(tmp_path: Path, headers: dict[str, str]):
+    with server(tmp_path, host_names=("lab.example",)) as app:
+        assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == 200
+        headers = {**headers, "Origin": "https://other.example"}
+        refused = Browser(app).post(CHECK, EMPTY, headers=headers)
+        assert refused.status_code == 403
+        assert "'other.example'" in refused.json()["message"]
+        assert "name it with --host-name" in refused.json()["message"]
+        assert Browser(app).get("/", headers={"Host": "lab.example"}).status_code == 200
+
+
+def test_head__has_the_headers_of_get_and_no_body(app: Any):
+    for path in ("/", "/explore", "/assets/style.css", "/api/play/episodes/none"):
+        answers = [Browser(app).client.request(method, path) for method in ("GET", "HEAD")]
+        assert answers[1].status_code == answers[0].status_code
+        assert answers[1].headers.get("content-length") == answers[0].headers.get("content-length")
+        assert answers[1].content == b""
+
+
+def test_pages__link_relatively_and_name_the_version_of_scripts(app: Any):
+    browser = Browser(app)
+    assert '="/' not in browser.get("/").text
+    assert 'src="../../../assets/common.js?v=' in browser.get("/explore/tower/dev/tower-dev-001").text
+    answer = browser.get("/play/?split=dev", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (307, "../play?split=dev")
+
+
 def test_hosts__an_unknown_host_name_is_refused(app: Any):
     response = Browser(app).get("/", headers={"Host": "elsewhere.example"})
     assert response.status_code == 400
@@ -97,6 +127,16 @@ def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: 
         assert browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).status_code == 201
 
 
+def test_database__that_is_moved_away_is_created_anew(tmp_path: Path):
+    with server(tmp_path) as app:
+        browser = Browser(app)
+        first = browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).json()["id"]
+        for file in tmp_path.glob("web.sqlite3*"):
+            file.rename(tmp_path / f"moved-{file.name}")
+        assert browser.get(f"/api/play/episodes/{first}").status_code == 404
+        assert browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).status_code == 201
+
+
 TOKEN = "a-token-for-everybody"
 
 
@@ -107,8 +147,8 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
             assert browser.get(path).status_code == 401, path
         assert browser.get("/assets/style.css").status_code == 200
         answer = browser.get(f"/explore?split=dev&token={TOKEN}", follow_redirects=False)
-        assert (answer.status_code, answer.headers["location"]) == (303, "/explore?split=dev")
-        cookie = next(line for line in answer.headers.get_list("set-cookie") if line.startswith("lilgym_token="))
+        assert (answer.status_code, answer.headers["location"]) == (303, "./explore?split=dev")
+        cookie = next(line for line in answer.headers.get_list("set-cookie") if line.startswith("lilgym_token_"))
         assert "HttpOnly" in cookie
         assert "SameSite=lax" in cookie
         assert browser.get("/").status_code == 200
@@ -125,7 +165,7 @@ def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path: Path, mon
 def test_token__the_redirection_stays_on_this_server(tmp_path: Path):
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         answer = Browser(app).get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
-        assert answer.headers["location"] == "/elsewhere.example"
+        assert answer.headers["location"] == "./elsewhere.example"
 
 
 def test_token__the_cookie_of_another_token_is_refused(tmp_path: Path):

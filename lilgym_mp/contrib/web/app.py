@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from fastapi import FastAPI
 from starlette.middleware.base import BaseHTTPMiddleware
@@ -11,11 +10,9 @@ from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
 from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
-from lilgym_mp.contrib.web.responses import add_error_handlers
+from lilgym_mp.contrib.web.responses import ASSETS, add_error_handlers
 from lilgym_mp.contrib.web.routes import ROUTERS
 from lilgym_mp.contrib.web.security import guard
-
-ASSETS = Path(__file__).parent / "assets"
 
 
 def create_app(options: ServeOptions) -> FastAPI:
@@ -26,6 +23,7 @@ def create_app(options: ServeOptions) -> FastAPI:
         description="JSON API behind the pages of `lilgym-mp serve`.",
         docs_url=None,
         redoc_url=None,
+        redirect_slashes=False,  # would name this server's own host and scheme; `guard` redirects relatively
     )
     app.state.services = AppServices(options)
     for router in ROUTERS:

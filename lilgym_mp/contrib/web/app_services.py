@@ -33,6 +33,7 @@ class ServeOptions:
     runs: Path | None = None  # directory with training runs and recorded episodes
     token: str | None = None  # needed for every page; None: no token is needed
     hosts: tuple[str, ...] | None = (*LOOPBACK_HOSTS, "testserver")  # accepted Host headers; None: any
+    host_names: tuple[str, ...] = ()  # names under which a proxy serves the pages, also accepted
 
 
 class AppServices:

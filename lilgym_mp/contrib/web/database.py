@@ -60,8 +60,13 @@ class Database:
     def __init__(self, path: Path) -> None:
         """Opens the file, or creates it. Raises DatabaseError if it cannot be written or is none of this version's."""
         self._path = path
+        self._create()
+
+    def _create(self) -> None:
+        """Creates the tables that the file lacks."""
         try:
-            with self.write() as connection:
+            with self._open() as connection, connection:
+                connection.execute("BEGIN IMMEDIATE")
                 (version,) = connection.execute("PRAGMA user_version").fetchone()
                 if version != SCHEMA_VERSION and connection.execute("SELECT 1 FROM sqlite_master").fetchone():
                     raise DatabaseError("holds tables of another program or version; name another file with --database")
@@ -69,11 +74,18 @@ class Database:
                     connection.execute(f"CREATE TABLE IF NOT EXISTS {table} ({', '.join(columns)})")
                 connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
         except (sqlite3.Error, DatabaseError) as fault:
-            raise DatabaseError(f"database {path}: {_reason(str(fault))}") from None
+            raise DatabaseError(f"database {self._path}: {_reason(str(fault))}") from None
 
     @contextmanager
     def read(self) -> Iterator[sqlite3.Connection]:
-        """A connection; its rows have names."""
+        """A connection; its rows have names. Creates the file anew if it has been moved away."""
+        if not self._path.exists():
+            self._create()
+        with self._open() as connection:
+            yield connection
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(self._path, LOCK_SECONDS, isolation_level=None)) as connection:
             connection.row_factory = sqlite3.Row
             connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL")

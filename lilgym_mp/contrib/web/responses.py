@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from http import HTTPStatus
+from pathlib import Path
 from threading import Lock
 from typing import Any
 
@@ -18,12 +20,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException as FrameworkException
 
 from lilgym_mp import __version__
+from lilgym_mp.contrib.web.database import DatabaseError
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.solver.solver import UnsupportedAppearance
 
+ASSETS = Path(__file__).parent / "assets"
 LOGGER = logging.getLogger(__name__)
 STATUSES = {ActionError: 422, ProgramError: 422, CorpusError: 404, UnsupportedAppearance: 404}
 """Exceptions that routes let pass, with the status of the response; the message is theirs."""
@@ -47,13 +51,20 @@ def _environment() -> Environment:
     )
     members = {"shapes": Shape, "colours": Colour, "item_sizes": Size}
     environment.globals |= {name: list(enum.__members__) for name, enum in members.items()}
-    environment.globals |= {"navigation": NAVIGATION, "version": __version__}
+    content = b"".join(path.read_bytes() for path in sorted(ASSETS.iterdir()))
+    digest = hashlib.sha256(content).hexdigest()[:12]  # in the URLs of assets, so that no browser keeps older ones
+    environment.globals |= {"navigation": NAVIGATION, "version": __version__, "assets_version": digest}
     return environment
 
 
 def render_page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
-    """Renders a template with the values and the common context: path, navigation, version."""
-    text = _environment().get_template(template).render(path=request.url.path, **values)
+    """Renders a template with the values and the common context: path, the way from it to `/`, navigation, version.
+
+    Links are relative, as a proxy may add a prefix to the path.
+    """
+    path = request.scope["path"]
+    root = "../" * (path.count("/") - 1) or "./"
+    text = _environment().get_template(template).render(path=path, root=root, **values)
     return HTMLResponse(text, status_code, headers={"Cache-Control": "no-store"})
 
 
@@ -88,7 +99,14 @@ def error_response(request: Request, status: int, message: str) -> Response:
 
 
 def add_error_handlers(app: FastAPI) -> None:
-    for kind in (FrameworkException, *STATUSES, RequestValidationError, sqlite3.OperationalError, Exception):
+    for kind in (
+        FrameworkException,
+        *STATUSES,
+        RequestValidationError,
+        sqlite3.OperationalError,
+        DatabaseError,
+        Exception,
+    ):
         app.add_exception_handler(kind, _respond)
 
 
@@ -105,7 +123,7 @@ def _respond(request: Request, fault: Any) -> Response:
     elif isinstance(fault, RequestValidationError):
         errors = (f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in fault.errors())
         status, message = 422, "; ".join(errors)
-    elif isinstance(fault, sqlite3.OperationalError):
+    elif isinstance(fault, (sqlite3.OperationalError, DatabaseError)):
         LOGGER.error("database: %s", fault)
         status, message = 503, "the database is not responding; nothing was saved: try again"
     elif status == 500:

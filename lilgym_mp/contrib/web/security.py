@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 from urllib.parse import SplitResult, urlencode, urlsplit
 
@@ -14,7 +15,7 @@ from lilgym_mp.contrib.web.app_services import ServeOptions
 from lilgym_mp.contrib.web.responses import error_response
 
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-TOKEN_COOKIE = "lilgym_token"
+TOKEN_COOKIE = "lilgym_token_"  # followed by part of the token's digest
 PUBLIC_PATHS = "/assets/"  # served without the token
 MAX_BODY = 256 * 1024  # bytes
 SECURITY_HEADERS = {
@@ -30,25 +31,45 @@ SECURITY_HEADERS = {
 async def guard(options: ServeOptions, request: Request, call_next: RequestResponseEndpoint) -> Response:
     """Refuses a request that breaks a rule, and adds headers to every response."""
     try:
-        _check_host(request.headers, options.hosts)
+        _check_host(request.headers, options)
         response: Response | None = None if options.token is None else _check_token(request, options.token)
         if request.method not in SAFE_METHODS:
-            _check_origin(request.headers)
+            _check_origin(request.headers, options.host_names)
             _check_length(request.headers)
     except HTTPException as refusal:
         response = error_response(request, refusal.status_code, refusal.detail)
         response.headers.update(refusal.headers or {})
-    response = response or await call_next(request)
+    response = response or await _respond(request, call_next)
     for name, value in SECURITY_HEADERS.items():
         response.headers.setdefault(name, value)
     return response
 
 
-def _check_host(headers: Headers, hosts: tuple[str, ...] | None) -> None:
+async def _respond(request: Request, call_next: RequestResponseEndpoint) -> Response:
+    """The response of a route: to HEAD, that of GET without its body; to a path that ends in "/", a redirection."""
+    path, method = request.scope["path"], request.method
+    if path.endswith("/") and path.strip("/") and method in SAFE_METHODS:
+        return _redirection(request, f"../{path.rstrip('/').rpartition('/')[2]}", 307)
+    if method != "HEAD":
+        return await call_next(request)
+    request.scope["method"] = "GET"
+    response = await call_next(request)
+    request.scope["method"] = method
+    return Response(status_code=response.status_code, headers=dict(response.headers))
+
+
+def _redirection(request: Request, target: str, status: int) -> RedirectResponse:
+    """To a relative URL, with the query but for the token: a proxy may have changed host, scheme and path."""
+    query = urlencode([(name, value) for name, value in request.query_params.multi_items() if name != "token"])
+    return RedirectResponse(f"{target}?{query}" if query else target, status)
+
+
+def _check_host(headers: Headers, options: ServeOptions) -> None:
     """Raises HTTPException for an unknown Host header, which protects against DNS rebinding."""
     host = headers.get("host", "")
-    if hosts is not None and (_split(f"//{host}").hostname or "") not in hosts:
-        raise HTTPException(400, f"this server does not answer to the host name {host[:100]!r}")
+    name = _split(f"//{host}").hostname or ""
+    if options.hosts is not None and name not in (*options.hosts, *options.host_names):
+        raise HTTPException(400, f"this server does not answer to {host[:100]!r}; name it with --host-name")
 
 
 def _check_token(request: Request, expected: str) -> RedirectResponse | None:
@@ -57,7 +78,8 @@ def _check_token(request: Request, expected: str) -> RedirectResponse | None:
     For a request with the token in its URL, returns a redirection to the URL without it, which sets a cookie.
     """
     token = request.query_params.get("token")
-    given = request.cookies.get(TOKEN_COOKIE, "") if token is None else token
+    cookie = TOKEN_COOKIE + hashlib.sha256(expected.encode()).hexdigest()[:12]  # other servers of the host have theirs
+    given = request.cookies.get(cookie, "") if token is None else token
     if request.scope["path"].startswith(PUBLIC_PATHS):  # `request.url` may be made of the Host header
         return None
     if not hmac.compare_digest(given.encode(), expected.encode()):
@@ -65,19 +87,28 @@ def _check_token(request: Request, expected: str) -> RedirectResponse | None:
         raise HTTPException(401, f"{wrong}: open the link that it printed when it started")
     if token is None:
         return None
-    query = urlencode([(name, value) for name, value in request.query_params.multi_items() if name != "token"])
-    path = "/" + request.scope["path"].lstrip("/")  # not "//host", which would lead elsewhere
-    response = RedirectResponse(f"{path}?{query}" if query else path, 303)
-    response.set_cookie(TOKEN_COOKIE, expected, max_age=400 * 24 * 3600, httponly=True)
+    response = _redirection(request, f"./{request.scope['path'].rpartition('/')[2]}", 303)
+    is_secure = request.headers.get("x-forwarded-proto") == "https"
+    response.set_cookie(cookie, expected, max_age=400 * 24 * 3600, httponly=True, secure=is_secure)
     return response
 
 
-def _check_origin(headers: Headers) -> None:
-    """Raises HTTPException for a request sent by a page of another server, of which browsers tell (CSRF)."""
-    origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
-    is_other = origin is not None and _split(origin).netloc != headers.get("host", "")
-    if is_other or site not in ("same-origin", "none"):
+def _check_origin(headers: Headers, host_names: tuple[str, ...]) -> None:
+    """Raises HTTPException for a request sent by a page of another server, of which browsers tell (CSRF).
+
+    A page of another server cannot set X-Forwarded-Host, which a proxy that changes the Host header adds.
+    """
+    site, origin = headers.get("sec-fetch-site", "none"), _split(headers.get("origin", ""))
+    own = (headers.get("host", ""), headers.get("x-forwarded-host"))
+    is_other = "origin" in headers and origin.netloc not in own and origin.hostname not in host_names
+    if site not in ("same-origin", "none"):
         raise HTTPException(403, "this request was not sent from a page of this server")
+    if is_other:
+        name = (origin.hostname or "")[:100]
+        reason = (
+            f"this request was sent from a page of {name!r}; if a proxy serves this there, name it with --host-name"
+        )
+        raise HTTPException(403, reason)
 
 
 def _check_length(headers: Headers) -> None:

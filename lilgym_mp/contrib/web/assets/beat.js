@@ -1,6 +1,6 @@
 "use strict";
 // /beat: ten tasks on the board of /play, which an agent plays too. The URL's query names the tasks, so that somebody
-// else can play the same ones; its fragment names the episodes begun.
+// else can play the same ones; the state of the tab's history names the episodes begun.
 
 let tasks = []; // ids
 let begun = []; // ids of episodes
@@ -27,7 +27,7 @@ async function showScore() {
   byId("next").hidden ||= isOver;
   byId("share").hidden = !isOver;
   if (!isOver) return;
-  byId("picture").src = byId("download").href = `/api/beat/picture?${query}`;
+  byId("picture").src = byId("download").href = url(`/api/beat/picture?${query}`);
   byId("picture").alt = `${verdict} ${summary}`;
 }
 
@@ -40,16 +40,16 @@ page.draw = (focuses) => attempt(async () => {
 page.next = (focuses) => begin(tasks[begun.length], focuses);
 page.began = (id) => {
   begun.push(id);
-  history.replaceState(null, "", `#${begun}`);
+  history.replaceState(begun, "");
   byId("progress").textContent = `Task ${begun.length} of ${tasks.length}`;
 };
 page.ended = showScore;
 page.start = async () => {
-  const kept = location.hash.slice(1).split(",").filter(Boolean);
+  const kept = history.state || [];
   choose(Object.fromEntries(asked));
   await drawTasks(asked.get("seed") || randomSeed());
   const last = kept.length && (await request("GET", `/api/play/episodes/${kept.at(-1)}`).catch(() => null));
-  if (!last) return page.next(false); // of another browser
+  if (!last) return page.next(false);
   for (const id of kept) page.began(id);
   byId("episode").removeAttribute("aria-busy");
   await show(last);

@@ -1,18 +1,25 @@
 "use strict";
 // Shared by /play, /beat and /game: a scene whose grid cells are buttons.
 
-/** Takes an action in an episode or seat and shows the new state; after a conflict, the current one. */
+let acting = false; // while the server takes an action
+
+/** Takes an action in an episode or seat and shows the new state; after a conflict, the current one. Ignores another one meanwhile. */
 async function actOn(path, body, show) {
+  if (acting) return;
+  acting = true;
   await attempt(async () => {
     try {
       await show(await request("POST", `${path}/actions`, body));
     } catch (fault) {
       if (fault.status === 409) await show(await request("GET", path));
       throw fault;
+    } finally {
+      acting = false;
     }
   }, byId("board"));
 }
 
+const DOUBLE_CLICK_MILLISECONDS = 300;
 const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
 
 /** A scene with a button on each cell, and the selected action kind and item type.
@@ -37,14 +44,12 @@ class Board {
     byId("board").append(this.view.root);
     moveWithArrows(this.cells, () => this.size());
     byId("legal").addEventListener("click", () => this.toggleLegal());
-    for (const group of document.querySelectorAll("[data-choice]")) {
-      group.addEventListener("click", (event) => {
-        const button = event.target.closest("button");
-        if (button) this.choose(group.dataset.choice, button.dataset.value);
-      });
+    for (const button of document.querySelectorAll("[data-choice] button")) {
+      button.addEventListener("click", () => this.choose(button.closest("[data-choice]").dataset.choice, button.dataset.value));
     }
     const next = (name) => () => this.chooseNext(name);
-    this.keys = { a: next("kind"), s: next("shape"), z: next("size"), c: next("colour"), l: () => this.toggleLegal() };
+    const arrows = Object.keys(MOVES).map((key) => [key, () => this.enter()]);
+    this.keys = { ...Object.fromEntries(arrows), a: next("kind"), s: next("shape"), z: next("size"), c: next("colour"), l: () => this.toggleLegal() };
   }
 
   size() {
@@ -59,10 +64,10 @@ class Board {
     const [columns, rows] = this.size();
     for (let row = 0; row < rows; row += 1) {
       for (let column = 0; column < columns; column += 1) {
-        const cell = element("button", { type: "button", tabindex: -1, click: () => this.act(this.actionAt(cell)) });
+        const cell = element("button", { type: "button", tabindex: -1, click: (event) => this.press(event, cell) });
         cell.addEventListener("contextmenu", (event) => {
           event.preventDefault();
-          if (!cell.disabled) this.act(this.actionAt(cell, "REMOVE"));
+          if (!cell.disabled) this.press(event, cell, "REMOVE");
         });
         Object.assign(cell.dataset, { column, row });
         if (grid) place(cell, (column * IMAGE_WIDTH) / columns, (row * IMAGE_HEIGHT) / rows, IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows);
@@ -71,6 +76,13 @@ class Board {
       }
     }
     this.cells.firstChild.tabIndex = 0;
+  }
+
+  /** Takes the action at the cell, once for a double click or a key that repeats. */
+  press(event, cell, kind) {
+    const isRepeated = cell === this.pressed?.cell && event.timeStamp - this.pressed.time < DOUBLE_CLICK_MILLISECONDS;
+    this.pressed = { cell, time: event.timeStamp };
+    if (!isRepeated) this.act(this.actionAt(cell, kind));
   }
 
   actionAt(cell, kind = this.selection.kind) {
@@ -95,8 +107,8 @@ class Board {
       const item = { x: (column * IMAGE_WIDTH) / this.grid[0], y: (row * IMAGE_HEIGHT) / this.grid[1], side };
       drawGhost(this.ghost, { ...item, shape: shape.toLowerCase(), colour: colour.toLowerCase() }, false);
     } else {
-      const height = this.view.scene.items.filter((item) => item.box === column).length;
-      drawGhost(this.ghost, { x: column * 140 + 40, y: 80 - 21 * height, side: 20, shape: "square", colour: colour.toLowerCase() }, false);
+      const y = 80 - 21 * this.view.scene.items.filter((item) => item.box === column).length;
+      if (y >= 0) drawGhost(this.ghost, { x: column * 140 + 40, y, side: 20, shape: "square", colour: colour.toLowerCase() }, false);
     }
   }
 
@@ -133,6 +145,13 @@ class Board {
     this.showsLegal = !this.showsLegal;
     byId("legal").setAttribute("aria-pressed", String(this.showsLegal));
     attempt(() => this.mark());
+  }
+
+  /** Moves the focus into the scene unless a control has it or no cell can be pressed. Returns whether it did. */
+  enter() {
+    if (this.cells.firstChild?.disabled !== false || document.activeElement.closest("a, button, summary")) return false;
+    this.focus();
+    return true;
   }
 
   focus() {

@@ -4,13 +4,16 @@
 /** An error with a message to display. */
 const requestError = (status, message) => Object.assign(new Error(message), { status });
 
+/** The URL of a path of the server, relative to the page, as a proxy may add a prefix. */
+const url = (path) => document.documentElement.dataset.root + path.slice(1);
+
 /** Sends a request and returns the JSON response; throws a requestError. */
 async function request(method, path, body) {
   const headers = { Accept: "application/json" };
   if (body !== undefined) headers["Content-Type"] = "application/json";
   let response;
   try {
-    response = await fetch(path, { method, headers, body: body === undefined ? body : JSON.stringify(body) });
+    response = await fetch(url(path), { method, headers, body: body === undefined ? body : JSON.stringify(body) });
   } catch {
     throw requestError(0, "the server cannot be reached; your input is kept here: try again");
   }
@@ -63,6 +66,13 @@ const byId = (id) => document.getElementById(id);
 const on = (id, name, action) => byId(id)?.addEventListener(name, action);
 const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");
+/** Selects the option with that value; throws a requestError that names the choices. */
+function select(menu, value) {
+  const values = [...menu.options].map((option) => option.value);
+  if (!values.includes(value)) throw requestError(404, `there is no ${menu.name} “${value}”; choose from ${values.join(", ")}`);
+  menu.value = value;
+}
+
 const queryOf = (values) => new URLSearchParams(values).toString();
 
 /** A list of names with values; those whose value is null are left out. */
@@ -71,14 +81,13 @@ function facts(pairs) {
   return element("dl", { class: "facts" }, ...shown.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
 }
 
-/** Lets keys act unless the focus is in a field, or on a control outside the section. `keys`: functions by lower-case key. */
+/** Lets keys act unless the focus is in a field, or on a control outside the section. `keys`: functions by lower-case key; one that returns false leaves the key to the browser. */
 function onKeys(section, keys) {
   document.addEventListener("keydown", (event) => {
     const elsewhere = !section.contains(event.target) && event.target.closest("a, button, summary, [tabindex='0']");
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (elsewhere || section.hidden || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, textarea") || !(key in keys)) return;
+    if (event.defaultPrevented || elsewhere || section.hidden || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, textarea") || !(key in keys)) return;
     if (key === " " && event.target.closest("button")) return; // presses the button
-    event.preventDefault();
-    keys[key](event);
+    if (keys[key](event) !== false) event.preventDefault();
   });
 }

@@ -22,7 +22,6 @@ class Editor {
   }
 
   get value() { return this.text.value; }
-
   set value(text) {
     this.text.value = text;
     this.check();
@@ -41,10 +40,7 @@ class Editor {
     const text = this.value;
     this.checkCount += 1;
     const current = this.checkCount;
-    if (!text.trim()) {
-      this.showCheck({ ok: false, offset: 0, length: 0, message: "" });
-      return;
-    }
+    if (!text.trim()) return this.showCheck({ ok: true });
     try {
       const result = await request("POST", "/api/annotate/check", { program: text });
       if (current === this.checkCount) this.showCheck(result);
@@ -61,10 +57,7 @@ class Editor {
 
   mark(offset, length) {
     const text = this.value;
-    if (!length) {
-      this.marks.replaceChildren();
-      return;
-    }
+    if (!length) return this.marks.replaceChildren();
     const start = Math.min(offset, Math.max(0, text.length - 1));
     this.marks.replaceChildren(text.slice(0, start), element("mark", {}, text.slice(start, start + length) || " "), `${text.slice(start + length)}\n`);
     this.marks.scrollTop = this.text.scrollTop;
@@ -89,22 +82,15 @@ class Editor {
   }
 
   showCompletions() {
-    this.list.replaceChildren(
-      ...this.completions.map((word, index) =>
-        element(
-          "li",
-          { id: `completion-${index}`, role: "option", "aria-selected": String(index === this.chosen), mousedown: (event) => { event.preventDefault(); this.chosen = index; this.accept(); } },
-          element("code", {}, word.signature),
-          element("span", { class: "meaning" }, word.meaning),
-        ),
-      ),
-    );
+    const option = (word, index) =>
+      element("li", { id: `completion-${index}`, role: "option", "aria-selected": String(index === this.chosen), mousedown: (event) => { event.preventDefault(); this.chosen = index; this.accept(); } },
+        element("code", {}, word.signature), element("span", { class: "meaning" }, word.meaning));
+    this.list.replaceChildren(...this.completions.map(option));
     const open = this.completions.length > 0;
     this.list.hidden = !open;
-    if (open) {
-      this.text.setAttribute("aria-activedescendant", `completion-${this.chosen}`);
-      this.list.children[this.chosen].scrollIntoView({ block: "nearest" });
-    } else this.text.removeAttribute("aria-activedescendant");
+    if (!open) return this.text.removeAttribute("aria-activedescendant");
+    this.text.setAttribute("aria-activedescendant", `completion-${this.chosen}`);
+    this.list.children[this.chosen].scrollIntoView({ block: "nearest" });
   }
 
   close() {
@@ -112,10 +98,21 @@ class Editor {
     this.showCompletions();
   }
 
+  /** Whether the argument that begins at this place is a function, as the second one of filter_obj(all_items, is_blue). */
+  takesFunction(place) {
+    let before = this.value.slice(0, place);
+    while (/\([^()]*\)/.test(before)) before = before.replace(/\([^()]*\)/g, "");
+    const [, name, inside = ""] = /(\w+)\(([^()]*)$/.exec(before) || [];
+    const given = inside.split(",");
+    const parameters = this.words.find((word) => word.name === name)?.signature.split("(")[1].split(",") || [];
+    return /^\s*key\s*=\s*$/.test(given.at(-1)) || (!given.at(-1).trim() && /: function/.test(parameters[given.length - 1]));
+  }
+
   accept() {
     const word = this.completions[this.chosen];
     const at = this.text.selectionStart;
-    const added = word.is_function && this.value[at] !== "(" ? `${word.name}(` : word.name;
+    const isCalled = word.is_function && this.value[at] !== "(" && !this.takesFunction(at - this.prefixLength);
+    const added = isCalled ? `${word.name}(` : word.name;
     this.text.setRangeText(added, at - this.prefixLength, at, "end");
     this.text.focus();
     this.changed();
@@ -123,22 +120,18 @@ class Editor {
   }
 
   key(event) {
-    if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) {
-      event.preventDefault();
-      this.onRun();
-    } else if (event.key === "Enter" && !this.completions.length) {
-      event.preventDefault(); // programs have one line
-    } else if (this.completions.length && ["ArrowDown", "ArrowUp"].includes(event.key)) {
-      event.preventDefault();
-      const step = event.key === "ArrowDown" ? 1 : -1;
-      this.chosen = (this.chosen + step + this.completions.length) % this.completions.length;
-      this.showCompletions();
-    } else if (this.completions.length && ["Tab", "Enter"].includes(event.key)) {
-      event.preventDefault();
-      this.accept();
-    } else if (this.completions.length && event.key === "Escape") {
-      event.preventDefault();
-      this.close();
-    }
+    const isOpen = this.completions.length > 0;
+    const move = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) this.onRun();
+    else if (isOpen && move) this.chooseNext(move);
+    else if (isOpen && ["Tab", "Enter"].includes(event.key)) this.accept();
+    else if (isOpen && event.key === "Escape") this.close();
+    else if (event.key !== "Enter") return; // programs have one line
+    event.preventDefault();
+  }
+
+  chooseNext(step) {
+    this.chosen = (this.chosen + step + this.completions.length) % this.completions.length;
+    this.showCompletions();
   }
 }

@@ -8,12 +8,10 @@ const solution = (scene) => (scene.steps ? `Shortest solution: ${plural(scene.st
 function sceneCard(scene) {
   const view = new SceneView(`Start ${scene.task_id}`).show(scene.scene);
   const parts = element("details", {}, element("summary", {}, "The program's value here, part by part"), partsList(scene.parts, view));
-  return element(
-    "article",
-    { class: "panel" },
+  return element("article", { class: "panel" },
     element("h2", {}, `${scene.configuration}, ${scene.task_id}`),
     view.root,
-    element("p", {}, element("a", { class: "button", href: `/play?${new URLSearchParams({ configuration: scene.configuration, split: root.dataset.split, task: scene.task_id })}` }, "Play this task")),
+    element("p", {}, element("a", { class: "button", href: url(`/play?${new URLSearchParams({ configuration: scene.configuration, split: root.dataset.split, task: scene.task_id })}`) }, "Play this task")),
     element("p", {}, `The statement is ${scene.truth} here; the target is ${scene.target}. ${solution(scene)}`),
     parts,
   );
@@ -26,6 +24,6 @@ attempt(async () => {
     element("div", { class: "scenes" }, ...details.scenes.map(sceneCard)),
     element("h2", {}, "Program"),
     element("p", {}, element("code", {}, details.program)),
-    element("p", {}, element("a", { href: `/watch?${queryOf({ text: details.statement })}` }, "Watch recorded episodes with this statement")),
+    element("p", {}, element("a", { href: url(`/watch?${queryOf({ text: details.statement })}`) }, "Watch recorded episodes with this statement")),
   );
 }, root);

@@ -60,7 +60,7 @@ async function show(view) {
   byId("seat").hidden = false;
   byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
   byId("other-seat").hidden = !otherKey;
-  byId("link").textContent = byId("link").href = `${location.origin}/game#${otherKey}`;
+  byId("link").textContent = byId("link").href = `${location.href.split("#")[0]}#${otherKey}`;
   byId("statement").textContent = seat.statement;
   byId("task-line").textContent = taskLine();
   byId("turn").className = "notice";
@@ -114,11 +114,9 @@ function showScene() {
 }
 
 function showAnswers() {
-  byId("answers").replaceChildren(
-    ...seat.answers.map((answer, index) =>
-      element("button", { type: "button", click: () => act(answer) }, answer, " ", index < 9 ? element("kbd", {}, String(index + 1)) : ""),
-    ),
-  );
+  const key = (index) => (index < 9 ? element("kbd", {}, String(index + 1)) : "");
+  const button = (answer, index) => element("button", { type: "button", click: () => act(answer) }, answer, " ", key(index));
+  byId("answers").replaceChildren(...seat.answers.map(button));
 }
 
 function showPast() {

@@ -22,25 +22,19 @@ const page = {
 function fillSplits(form) {
   const sizes = JSON.parse(form.dataset.sizes)[form.configuration.value];
   const previous = form.split.value || "dev";
-  form.split.replaceChildren(
-    ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
-  );
+  form.split.replaceChildren(...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)));
   form.split.value = previous in sizes ? previous : Object.keys(sizes)[0];
 }
 
-async function begin(taskId, focuses = true) {
-  await attempt(async () => {
-    const created = await request("POST", "/api/play/episodes", {
-      configuration: setup.configuration.value,
-      split: setup.split.value,
-      player: asked.get("player") || "",
-      task_id: taskId,
-    });
-    byId("expert").hidden = true;
-    page.began(created.id);
-    await show(created);
-    if (focuses) board.focus();
-  }, byId("episode"));
+const begin = (taskId, focuses = true) => attempt(() => draw(taskId, focuses), byId("episode"));
+
+async function draw(taskId, focuses) {
+  const [configuration, split, player] = [setup.configuration.value, setup.split.value, asked.get("player") || ""];
+  const created = await request("POST", "/api/play/episodes", { configuration, split, player, task_id: taskId });
+  byId("expert").hidden = true;
+  page.began(created.id);
+  await show(created);
+  if (focuses) board.focus();
 }
 
 async function show(state) {
@@ -117,19 +111,29 @@ async function continueOrBegin() {
     byId("episode").removeAttribute("aria-busy");
   } else {
     choose(Object.fromEntries(asked));
-    await begin(asked.get("task"), false);
+    await draw(asked.get("task"), false);
   }
 }
 
-function choose({ configuration, split }) {
-  if (configuration) setup.configuration.value = configuration;
+/** Opens the page; if what its address names does not exist, says so beside a task that does. */
+async function open() {
   fillSplits(setup);
-  if (split) setup.split.value = split;
+  const fault = await page.start().catch((raised) => raised);
+  if (fault?.status === undefined && fault) throw fault;
+  if (!fault) return;
+  await page.draw(false);
+  showMessage(`${fault.message}. This is another task.`, "error");
+}
+
+function choose({ configuration, split }) {
+  if (configuration) select(setup.configuration, configuration);
+  if (configuration) fillSplits(setup);
+  if (split) select(setup.split, split);
 }
 
 const press = (id) => () => byId(id)?.checkVisibility() && byId(id).click();
 const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution") };
-onKeys(byId("episode"), { ...board.keys, ...keys });
+onKeys(byId("episode").parentElement, { ...board.keys, ...keys });
 on("setup", "submit", (event) => {
   event.preventDefault();
   page.draw(true);
@@ -142,4 +146,4 @@ on("stop", "click", () => act("STOP"));
 on("next", "click", () => page.next(true));
 on("again", "click", () => begin(episode.task_id));
 on("solution", "click", showExpert);
-document.addEventListener("DOMContentLoaded", () => attempt(page.start)); // after all scripts
+document.addEventListener("DOMContentLoaded", () => attempt(open, byId("episode"))); // after all scripts

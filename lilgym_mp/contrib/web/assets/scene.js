@@ -6,10 +6,8 @@ const IMAGE_HEIGHT = 100;
 
 /** Positions an element over a rectangle of the image, in native pixels. */
 function place(target, x, y, width, height) {
-  target.style.left = `${(100 * x) / IMAGE_WIDTH}%`;
-  target.style.top = `${(100 * y) / IMAGE_HEIGHT}%`;
-  target.style.width = `${(100 * width) / IMAGE_WIDTH}%`;
-  target.style.height = `${(100 * height) / IMAGE_HEIGHT}%`;
+  const [across, down] = [(pixels) => `${(100 * pixels) / IMAGE_WIDTH}%`, (pixels) => `${(100 * pixels) / IMAGE_HEIGHT}%`];
+  Object.assign(target.style, { left: across(x), top: down(y), width: across(width), height: down(height) });
   return target;
 }
 
@@ -33,9 +31,7 @@ class SceneView {
   mark(items) {
     const wanted = new Set(items.map(([box, index]) => `${box},${index}`));
     const found = this.scene.items.filter((item) => wanted.has(`${item.box},${item.index}`));
-    this.marks.replaceChildren(
-      ...found.map((item) => place(element("div", { class: "mark" }), item.x, item.y, item.side, item.side)),
-    );
+    this.marks.replaceChildren(...found.map((item) => place(element("div", { class: "mark" }), item.x, item.y, item.side, item.side)));
   }
 }
 
@@ -102,11 +98,8 @@ function partsList(parts, view) {
     const content = [programCode(part.source), element("span", { class: "value" }, value)];
     const line = element("li");
     line.style.setProperty("--depth", Math.min(part.depth, 4));
-    if (part.items.length) {
-      line.append(element("button", { type: "button", class: "part", mouseenter: marks, focus: marks, click: marks }, ...content));
-    } else {
-      line.append(element("span", { class: "part" }, ...content));
-    }
+    const marking = { type: "button", class: "part", mouseenter: marks, focus: marks, click: marks };
+    line.append(part.items.length ? element("button", marking, ...content) : element("span", { class: "part" }, ...content));
     list.append(line);
   }
   return list;

@@ -28,9 +28,8 @@ function svg(tag, attributes = {}, ...children) {
 function itemShape({ shape, x, y, side }) {
   const [left, top, right, bottom] = [x - 1, y - 1, x + side + 1, y + side + 1];
   if (shape === "circle") return svg("circle", { cx: x + side / 2, cy: y + side / 2, r: side / 2 + 1 });
-  if (shape === "triangle") {
-    return svg("polygon", { points: `${x + side / 2},${top - 2} ${right + 1},${bottom} ${left - 1},${bottom}` });
-  }
+  const corners = `${x + side / 2},${top - 2} ${right + 1},${bottom} ${left - 1},${bottom}`;
+  if (shape === "triangle") return svg("polygon", { points: corners });
   return svg("rect", { x: left, y: top, width: right - left, height: bottom - top });
 }
 
@@ -58,18 +57,12 @@ class Side {
     });
     const reason = episode.invalid_reason ? `: ${words(episode.invalid_reason)}` : "";
     const end = element("span", { class: judgement(episode) }, `${words(episode.outcome)}${reason}`);
-    this.root = element(
-      "section",
-      { class: "panel side" },
+    this.root = element("section", { class: "panel side" },
       element("h2", {}, recording.agent),
       element("p", { class: "statement" }, episode.statement),
       element("p", {}, `Make it ${episode.target}. `, end, `, reward ${episode.total.toFixed(1)}.`),
-      element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), details),
-      this.view.root,
-      this.step,
-      this.strip,
-      this.predictions,
-    );
+      this.view.root, this.step, this.predictions, this.strip,
+      element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), details));
   }
 
   show(wanted) {
@@ -134,9 +127,7 @@ class Side {
     const optimal = decision.optimal ? "yes" : "no";
     const known = facts({
       "Satisfied readings": readings.length ? `${percent(satisfied)} of the probability` : null,
-      "It stops": readings.length
-        ? "when no edit of its plan is left: the plan makes the readings that are together the most probable have the target value"
-        : "when STOP is the action it chooses, as any other",
+      "It stops": readings.length ? "when its plan has no action left" : "when it chooses STOP",
       Value: decision.value === null ? null : decision.value.toFixed(2),
       "Predicted success of the plan": decision.success_probability === null ? null : percent(decision.success_probability),
       "Legal actions": `${legal}; total probability ${percent(decision.legal_probability)}`,
@@ -160,16 +151,19 @@ let playing = 0; // timer
 function pause() {
   clearInterval(playing);
   playing = 0;
-  byId("play").textContent = "▶";
-  byId("play").setAttribute("aria-label", "Play");
+  labelPlay("▶", "Play");
+}
+
+function labelPlay(sign, title) {
+  byId("play").textContent = sign;
+  byId("play").setAttribute("aria-label", title);
 }
 
 function togglePlay() {
   if (playing) return pause();
   if (byId("forth").disabled) showStep(0);
   playing = setInterval(() => (byId("forth").disabled ? pause() : showStep(step + 1)), STEP_MILLISECONDS);
-  byId("play").textContent = "❚❚";
-  byId("play").setAttribute("aria-label", "Pause");
+  labelPlay("❚❚", "Pause");
 }
 
 function showStep(wanted) {
@@ -197,7 +191,7 @@ async function openRecording(id) {
   const share = percent(successes / Math.max(1, episodes));
   byId("about-line").textContent =
     `${successes} of ${episodes} episodes succeeded (${share}): ${ends}. Corpus ${recording.corpus}, split ${split}, rules ${rules}, ` +
-    `actions ${recording.actions}, ${mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
+    `actions ${recording.actions}, ${mask ? "with" : "without"} action mask. Learned from: ${recording.supervision}.`;
   byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recordingOptions(recording.comparable));
   remember({ recording: id });
 }
@@ -205,13 +199,10 @@ async function openRecording(id) {
 /** Lists the recording's episodes that match the filters. */
 function listEpisodes() {
   const text = filters.text.value.toLowerCase();
-  const wants = { outcome: filters.outcome.value, seen: filters.seen.value };
-  const found = recording.played.filter(
-    (line) =>
-      (!wants.outcome || line.outcome === wants.outcome) &&
-      (!wants.seen || String(line.statement_seen) === wants.seen) &&
-      `${line.statement} ${line.task}`.toLowerCase().includes(text),
-  );
+  const wants = { outcome: filters.outcome.value, statement_seen: filters.seen.value };
+  const hasText = (line) => `${line.statement} ${line.task}`.toLowerCase().includes(text);
+  const matches = (line) => Object.entries(wants).every(([name, value]) => !value || String(line[name]) === value);
+  const found = recording.played.filter((line) => matches(line) && hasText(line));
   listed = found.slice(0, MAX_LISTED);
   const shown = listed.length < found.length ? `; the first ${listed.length} are listed` : "";
   byId("total").textContent = found.length ? `${plural(found.length, "episode")}${shown}` : "No episode matches these filters.";
@@ -220,19 +211,12 @@ function listEpisodes() {
 }
 
 function episodeEntry(line) {
-  const picture = `/api/watch/recordings/${recording.id}/episodes/${line.index}/picture`;
+  const picture = url(`/api/watch/recordings/${recording.id}/episodes/${line.index}/picture`);
   const open = () => attempt(() => openEpisode(line.index, 0, true), byId("viewer"));
-  return element(
-    "li",
-    {},
-    element(
-      "button",
-      { type: "button", "data-index": line.index, click: open },
-      element("img", { src: picture, alt: "", width: 114, height: 30, loading: "lazy" }),
-      element("span", {}, `${line.statement} (${line.target})`),
-      element("span", { class: judgement(line) }, `${words(line.outcome)}, ${line.actions}`),
-    ),
-  );
+  const image = element("img", { src: picture, alt: "", width: 114, height: 30, loading: "lazy" });
+  const end = element("span", { class: judgement(line) }, `${words(line.outcome)}, ${line.actions}`);
+  const title = element("span", {}, `${line.statement} (${line.target})`);
+  return element("li", {}, element("button", { type: "button", "data-index": line.index, click: open }, image, title, end));
 }
 
 /** Shows the first of the episodes found, or none. */
@@ -278,15 +262,16 @@ async function nextEpisode(by) {
 
 /** Lists the recordings and opens the one with the id, or the one that the URL names, or the first. */
 async function start(id = null) {
-  const found = await request("GET", "/api/watch/recordings");
-  const readable = found.recordings;
+  const query = new URLSearchParams(id ? "" : location.search);
+  const text = query.get("text") || "";
+  const { recordings: readable, first } = await request("GET", `/api/watch/recordings?${queryOf({ text })}`);
   byId("nothing").hidden = readable.length > 0;
   byId("choose").hidden = !readable.length;
   if (!readable.length) return;
   byId("recording").replaceChildren(...recordingOptions(readable));
-  filters.text.value = new URLSearchParams(location.search).get("text") || filters.text.value;
-  const query = new URLSearchParams(id ? "" : location.search);
-  const asked = id || query.get("recording");
+  filters.text.value = text;
+  const asked = id || query.get("recording") || first;
+  if (text && !first) showMessage(`No recording has an episode with “${text}”.`);
   await openRecording(readable.some((line) => line.id === asked) ? asked : readable[0].id);
   if (recording.comparable.some((line) => line.id === query.get("beside"))) byId("beside").value = query.get("beside");
   if (!(query.get("episode") in recording.played)) return openFirst();

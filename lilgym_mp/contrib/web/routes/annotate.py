@@ -27,6 +27,7 @@ from lilgym_mp.scene.appearances import APPEARANCES
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
+IDENTITY = ("name", "corpus", "appearance", "split", "statement_id", "program")  # posted twice: one row
 STEP_LIMIT = 1_000_000  # of a program on a scene, as a person may submit any: about 0.1 seconds
 ACCEPTED = "Saved: your program has the statement's value in every scene, hidden ones included."
 FAILED = "Saved, but your program does not have the statement's value in every hidden scene. Reread the statement."
@@ -125,7 +126,9 @@ def submit(scenes: Scenes, new: NewAnnotation, services: Services) -> JSON:
     about = {"corpus": services.corpus, "statement_id": scenes.of.id, "accepted": hidden, "created": now()}
     row = {"comment": "", **new.model_dump(), **about, **pick(scenes.of, "appearance", "split", "statement")}
     with services.database.write() as connection:
-        save_row(connection, "annotations", row)
+        same = " AND ".join(f"{name}=:{name}" for name in IDENTITY)
+        if not connection.execute(f"SELECT 1 FROM annotations WHERE {same}", row).fetchone():
+            save_row(connection, "annotations", row)
     return {"accepted": hidden, "message": ACCEPTED if hidden else FAILED}
 
 

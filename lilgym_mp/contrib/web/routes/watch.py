@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter
+from collections.abc import Iterable
+from contextlib import suppress
 from random import Random
 from threading import Lock
 from typing import Annotated
@@ -12,9 +14,9 @@ from fastapi import APIRouter, HTTPException, Path, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, pick, png, scene_body
+from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, Name, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
-from lilgym_mp.contrib.web.runs import FoundFile
+from lilgym_mp.contrib.web.runs import FoundFile, Runs
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import Header, Recording
@@ -57,9 +59,22 @@ def watch_page(request: Request, services: Services) -> Response:
 
 
 @api.get("/recordings")
-def recordings(services: Services) -> JSON:
-    """The recordings in the runs directory and those made on request."""
-    return {"recordings": [_summary(*each) for each in services.runs.recordings().items()]}
+def recordings(services: Services, text: Name = "") -> JSON:
+    """The recordings in the runs directory and those made on request.
+
+    `first`: the id of the first one with an episode whose statement or task contains the text; null if there is none.
+    """
+    found = services.runs.recordings()
+    return {"recordings": [_summary(*each) for each in found.items()], "first": _first(services.runs, found, text)}
+
+
+def _first(runs: Runs, found: Iterable[FoundFile], text: str) -> str | None:
+    for file in found:
+        with suppress(HTTPException):  # an unreadable one
+            episodes = runs.read(file.id).episodes
+            if any(text.lower() in f"{episode.statement} {episode.task}".lower() for episode in episodes):
+                return file.id
+    return None
 
 
 @api.post("/recordings", status_code=201)
