@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.envs.config import CORPUS_HELP
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import PairRecipe, RunOptions, setting
@@ -30,7 +31,7 @@ class ParserRecipe(PairRecipe):
 class ParserOptions(RunOptions):
     """The options of a parser's run besides its recipe, which has its budget."""
 
-    corpus: str = setting("builtin", CORPUS_HELP, metavar="CORPUS")
+    corpus: str = setting("builtin", CORPUS_HELP, kind=fixed_name, metavar="CORPUS")
 
 
 LEARNER = Learner(
