@@ -34,6 +34,8 @@ from lilgym_mp.wrappers.transformation import (
 )
 
 if TYPE_CHECKING:
+    from lilgym_mp.corpus import Vocabulary
+
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
 else:
     AnyVectorWrapper = VectorWrapper  # takes no parameters in Gymnasium 1.2
@@ -139,6 +141,12 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self._state = VectorEnvState(description, env)
         self._base: Any = env.unwrapped
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The vocabulary of token ids. Raises AttributeError if statements are texts."""
+        arrays = getattr(self.transformation, "arrays", None)
+        return self.env.vocabulary if arrays is None else arrays.vocabulary
 
     def __del__(self) -> None:
         """Does not close the wrapped environment, unlike Gymnasium's wrappers before 1.3."""

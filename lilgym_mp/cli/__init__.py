@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
+from pathlib import Path
 from typing import Any, NoReturn
 
 from lilgym_mp import __version__
@@ -138,6 +139,8 @@ class _Store(argparse.Action):
             elif self.dest in given:
                 parser.error(f"argument {option}: given more than once")
             given.add(self.dest)
+        if isinstance(values, Path):  # shells leave the ~ of --out=~/x
+            values = values.expanduser()
         setattr(namespace, self.dest, values)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lilgym_mp.cli.options import CommandError, check_at_least
+from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
@@ -73,7 +74,7 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     for name, played in product(configurations, splits):
         EnvConfig(name, **given).make(played)
     options = EnvConfig(configurations[0], **{**given, "corpus": "builtin"}).options()
-    environment = ["--corpus", given.get("corpus", "builtin"), *options]
+    environment = ["--corpus", fixed_name(given.get("corpus", "builtin")), *options]
     if not isinstance(optimal := values.get("optimal", False), bool):
         raise CommandError(f"optimal: must be true or false, not {optimal!r}")
     evaluation = [*environment, *["--optimal"] * optimal]
@@ -124,7 +125,7 @@ def _learner_runs(values: Mapping[str, Any], experiment: _Experiment) -> Iterato
         raise CommandError("configurations: one agent plays all configurations; leave the key out")
     configurations = _distinct(values, "configurations", list(experiment.configurations))
     _, own_corpus, *settings = experiment.environment
-    corpus = values.get("corpus", own_corpus)
+    corpus = fixed_name(values.get("corpus", own_corpus))
     for each in configurations:
         choose("configuration", each, dict.fromkeys(experiment.configurations))
         if corpus != own_corpus:
@@ -199,5 +200,10 @@ def _flags(options: Mapping[str, Any]) -> list[str]:
         if isinstance(value, bool):
             words.append(f"--{'' if value else 'no-'}{flag_name(key)}")
         else:
-            words += [f"--{flag_name(key)}", *map(str, value if isinstance(value, list) else [value])]
+            words += [f"--{flag_name(key)}", *map(_word, value if isinstance(value, list) else [value])]
     return words
+
+
+def _word(value: Any) -> str:
+    """The value on a command line, where whole numbers have no decimal point, as 1e5 has in TOML."""
+    return str(int(value) if isinstance(value, float) and value.is_integer() else value)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
+from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
@@ -97,7 +98,7 @@ def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) 
 
 def add_corpus(parser: argparse.ArgumentParser) -> None:
     """--corpus, for commands that need no further environment settings."""
-    parser.add_argument("--corpus", default="builtin", help=CORPUS_HELP)
+    parser.add_argument("--corpus", type=fixed_name, default="builtin", help=CORPUS_HELP)
 
 
 def add_configuration(

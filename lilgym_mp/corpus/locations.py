@@ -26,6 +26,12 @@ def is_path(corpus: str) -> bool:
     return corpus not in (BUILTIN, OFFICIAL) and not is_generated(corpus) and not corpus.startswith(f"{BUILTIN}:")
 
 
+def fixed_name(corpus: str | os.PathLike[str]) -> str:
+    """The corpus's name; a path is made absolute, "~" being the home directory."""
+    name = os.fspath(corpus)
+    return os.path.abspath(os.path.expanduser(name)) if is_path(name) else name
+
+
 def is_split(corpus: str | os.PathLike[str]) -> bool:
     """Whether the name is that of a compositional split, valid or not, or of a file of its lists."""
     return os.fspath(corpus).startswith(f"{BUILTIN}:") or os.fspath(corpus).endswith((".split.json", ".split.json.gz"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from lilgym_mp.corpus.tokens import Vocabulary, words
 
 VOCABULARY_SPLIT = "train"
 LENGTH_FACTOR = 1.25  # default length relative to the longest train statement
-VocabularyOrPath = Vocabulary | str | os.PathLike[str]
+VocabularyOrPath = Vocabulary | Mapping[str, Sequence[str]] | str | os.PathLike[str]
 LENGTH_MULTIPLE = 4  # the default length is rounded up to a multiple of this
 
 
@@ -59,6 +59,8 @@ class StatementArrays:
         training = statements_of(training_tasks(tasks)) if vocabulary is None or length is None else []
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
+        elif isinstance(vocabulary, Mapping):  # from the JSON of an environment's spec
+            vocabulary = Vocabulary(tuple(vocabulary["words"]))
         self.vocabulary = vocabulary or Vocabulary.from_statements(training)
         self.length = length or default_length(training)
         self._truncates = truncate

@@ -221,14 +221,8 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
             raise gym.error.ResetNeeded("there are no episodes before the first reset; call reset first")
 
     def _checked(self, actions: Any) -> Int64Array:
-        array = np.asarray(actions)
+        array = checked_actions(actions, self.num_envs)
         count = self.single_action_space.n
-        if array.shape != (self.num_envs,) or array.dtype.kind not in "iu":
-            advice = ARRAY_ADVICE if array.ndim > 1 else ""
-            raise ActionError(
-                f"actions must be {self.num_envs} whole numbers, one for each environment,"
-                f" not {array.dtype} of shape {array.shape}{advice}"
-            )
         ended = self._buffers.ended
         if self.autoreset_mode is AutoresetMode.DISABLED and ended.any():
             env_ids = ", ".join(map(str, np.flatnonzero(ended)))
@@ -414,6 +408,18 @@ class BatchedEnv(LilGymVectorEnv):
         buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)
+
+
+def checked_actions(actions: Any, num_envs: int) -> Int64Array:
+    """The actions as an array. Raises ActionError unless they are (num_envs,) whole numbers."""
+    array = np.asarray(actions)
+    if array.shape != (num_envs,) or array.dtype.kind not in "iu":
+        advice = ARRAY_ADVICE if array.ndim > 1 else ""
+        raise ActionError(
+            f"actions must be {num_envs} whole numbers, one for each environment,"
+            f" not {array.dtype} of shape {array.shape}{advice}"
+        )
+    return array
 
 
 def batched(single: spaces.Space[Any], count: int) -> Any:

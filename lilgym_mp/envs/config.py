@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -12,6 +11,7 @@ import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.envs.observation import TEXT
 from lilgym_mp.envs.registration import configuration_name, environment_id, read_configuration
 from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
@@ -54,7 +54,7 @@ class EnvConfig:
     """The identity of an environment; all but the split and the image size is part of the identity of a run."""
 
     configuration: str  # or a Gymnasium id, which becomes the configuration's name
-    corpus: str = setting("builtin", CORPUS_HELP)
+    corpus: str = setting("builtin", CORPUS_HELP, kind=fixed_name)
     split: str = field(default="train", kw_only=True)
     rules: str = setting("paper", "rule set (default: paper)", choices=sorted(RULE_SETS))
     horizon: int | None = setting(None, "actions per episode (default: the rule set's)", kind=int)
@@ -67,7 +67,7 @@ class EnvConfig:
             if isinstance(value := getattr(self, each.name), list):  # as from JSON
                 object.__setattr__(self, each.name, tuple(value))
         object.__setattr__(self, "configuration", configuration_name(*read_configuration(self.configuration)))
-        object.__setattr__(self, "corpus", os.fspath(self.corpus))
+        object.__setattr__(self, "corpus", fixed_name(self.corpus))
 
     @classmethod
     def of(cls, given: Mapping[str, Any], *others: str) -> Self:

@@ -11,6 +11,8 @@ from lilgym_mp.scene.actions import checked_index
 from lilgym_mp.scene.appearances import Appearance, InvalidReason
 
 if TYPE_CHECKING:
+    from lilgym_mp.corpus import Vocabulary
+    from lilgym_mp.corpus.statement_arrays import StatementArrays
     from lilgym_mp.envs.rendering import Renderer
 
 RENDER_FPS = 4  # the same for every environment
@@ -24,6 +26,15 @@ class SharedInterface:
 
     dynamics: Dynamics
     tasks: TaskSet
+
+    _arrays: StatementArrays | None
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The vocabulary of token ids. Raises AttributeError if statements are texts."""
+        if self._arrays is None:
+            raise AttributeError('there is no vocabulary without observation="arrays" or TokenizedStatement(env)')
+        return self._arrays.vocabulary
 
     @property
     def horizon(self) -> int:

@@ -315,7 +315,9 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._page_users: list[weakref.ref[Any] | None] = [None] * pages
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
-        self.spec = replace(gym.spec(id), kwargs={**given, **settings, "num_envs": num_envs})
+        self.spec = replace(
+            gym.spec(id), kwargs={**given, **settings, "num_envs": num_envs, "render_mode": render_mode}
+        )
         self._own = own.part
         try:
             with _starting:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.envs.batched import BatchedEnv
+from lilgym_mp.envs.batched import BatchedEnv, checked_actions
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation.episodes import Episode
@@ -39,7 +39,7 @@ def evaluate(
     The same arguments give the same episodes if the policy is a pure function. That includes `batch_size`, as the
     episodes of a batch share the random numbers. `record_decisions`: store the policy's output at each step, if it
     has one. `on_episode` is called with each episode as it ends.
-    Raises ValueError for invalid settings or split, or fewer than one pass.
+    Raises ValueError for invalid settings or split, or fewer than one pass, and as `step` for other actions.
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
@@ -68,7 +68,7 @@ def _play(
         made: Sequence[Decision | None] = [None] * len(active)
         inputs = _observations(policy, envs, observations, active, playing)
         legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), np.bool_)
-        chosen[active] = policy(inputs, legal, rng)
+        chosen[active] = checked_actions(policy(inputs, legal, rng), len(active))
         if record_decisions and (output := policy.output(legal, chosen[active])) is not None:
             from lilgym_mp.evaluation.decisions import decisions
 

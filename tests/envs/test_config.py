@@ -5,10 +5,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
+import gymnasium as gym
 import pytest
+from gymnasium.envs.registration import EnvSpec
 
+from lilgym_mp.cli import parse_args
+from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.wrappers import TokenizedStatement, action_mask_v0, tokenized_statement_v0
 
 # Run with a further field in the source of `EnvConfig`, which is the only edit.
 ONE_EDIT = """
@@ -105,3 +112,48 @@ def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
 def test_json__with_wrong_values_is_refused(wrong: dict[str, object], error: str):
     with pytest.raises((ValueError, TypeError), match=error):
         EnvConfig.from_json({**EnvConfig("TowerScratch").to_json(), **wrong})
+
+
+def test_corpus__a_relative_path_is_absolute_from_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert EnvConfig("TowerScratch", "own.jsonl").corpus == str(tmp_path / "own.jsonl")
+    assert EnvConfig("TowerScratch", Path("~/own.jsonl")).corpus == str(tmp_path / "home" / "own.jsonl")  # pyright: ignore[reportArgumentType]
+    for name in ("builtin", "lilgym", "builtin:form", "generated:1:0"):
+        assert EnvConfig("TowerScratch", name).corpus == name
+
+
+@pytest.mark.parametrize(
+    "command", [["train", "ppo", "TowerScratch"], ["evaluate"], ["bench"], ["train", "parse-and-plan"]]
+)
+def test_options__a_tilde_is_the_home_directory(command: list[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", "/somewhere")
+    args = parse_args([*command, "--corpus=~/own.jsonl", *([] if command == ["bench"] else ["--out=~/x"])])
+    assert args.corpus == "/somewhere/own.jsonl"
+    assert command == ["bench"] or args.out == Path("/somewhere/x")
+
+
+WORDS = Vocabulary(("a", "box", "block"))
+
+
+def test_spec__from_json_makes_the_same_environment():
+    arrays = gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60)
+    wrapped = TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60)
+    for env in (arrays, wrapped):
+        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+        assert again.observation_space == env.observation_space
+        assert again.get_wrapper_attr("vocabulary") == WORDS
+
+
+def test_spec__of_workers_keeps_the_render_mode():
+    envs = WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 2, 1, render_mode="rgb_array")
+    assert gym.make_vec(envs.spec).render_mode == "rgb_array"
+
+
+def test_vocabulary__of_batches_can_be_read():
+    batch = gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, observation="arrays", vocabulary=WORDS, length=60)
+    assert batch.unwrapped.vocabulary == WORDS  # pyright: ignore[reportAttributeAccessIssue]
+    wrapped = tokenized_statement_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), WORDS, 60)
+    assert wrapped.vocabulary == action_mask_v0(wrapped).vocabulary == WORDS
+    with pytest.raises(AttributeError, match="TokenizedStatement"):
+        _ = gym.make("lilgym_mp/TowerScratch-v0").unwrapped.vocabulary  # pyright: ignore[reportAttributeAccessIssue]

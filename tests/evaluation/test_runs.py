@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from lilgym_mp.evaluation import (
     random_unmasked,
 )
 from lilgym_mp.scene import Colour
-from lilgym_mp.scene.actions import AddBlock, Stop
+from lilgym_mp.scene.actions import ActionError, AddBlock, Stop
 from lilgym_mp.scene.appearances import InvalidReason
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
@@ -82,6 +84,22 @@ def empty_observations(count: int) -> Observations:
     """`count` empty observations."""
     zeros = np.zeros(count, np.int64)
     return Observations(np.zeros((count, 1, 1, 3), np.uint8), ("",) * count, zeros, zeros, zeros)
+
+
+@pytest.mark.parametrize(
+    ("actions", "said"),
+    [
+        (3, r"actions must be 2 whole numbers, one for each environment, not int64 of shape \(\)"),
+        (np.array([3]), r"not int64 of shape \(1,\)"),
+        (np.array([3.9, 3.9]), r"not float64 of shape \(2,\)"),
+        (np.array([True, False]), r"not bool of shape \(2,\)"),
+        ([[3, 3]], r"not int64 of shape \(1, 2\)"),
+        (np.array([3, 99]), "action 99 of environment 1 is out of range"),
+    ],
+)
+def test_evaluate__rejects_actions_that_step_rejects(actions: Any, said: str):
+    with pytest.raises(ActionError, match=said):
+        evaluate(lambda observations, legal, rng: actions, TOWER, "dev", batch_size=2)
 
 
 def test_evaluate__policies_get_step_and_episode_index():

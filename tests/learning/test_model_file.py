@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import pickle
+import resource
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,9 @@ DESCRIPTION = ModelDescription(
     "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}
 )
 TENSORS = {"weight": torch.arange(6.0).reshape(2, 3), "bias": torch.zeros(2)}
+
+
+SHIPPED = ("imitation-tower", "parse-and-plan", "ppo-tower")
 
 
 @pytest.fixture
@@ -120,6 +124,31 @@ def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dic
     save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
     with pytest.raises(ModelFileError, match=r"description cannot be used|do not match the network"):
         open_agent(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("parse-and-plan", {"heads": 0}, "heads must divide the width, 96, not be 0"),
+        ("parse-and-plan", {"longest_program": 10**7}, "longest_program must be at most 4,096, not 10,000,000"),
+        ("ppo-tower", {"heads": 5}, "heads must divide the width, 112, not be 5"),
+        *((name, {"width": 4_000_000}, "its sizes give more parameters than its tensors have") for name in SHIPPED),
+        *((name, {"layers": 10**9, "text_layers": 10**9}, "its sizes give more parameters") for name in SHIPPED),
+    ],
+)
+def test_open_agent__rejects_heads_and_sizes_before_memory_is_used(
+    name: str, change: dict[str, Any], said: str, tmp_path: Path
+):
+    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
+        description, tensors = load_model(path)
+    details = json.loads(json.dumps(description.details))
+    sizes = details["model"]["sizes"] if "model" in details else details.get("network") or details["sizes"]
+    sizes |= {key: value for key, value in change.items() if key == "width" or key in sizes}
+    save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ModelFileError, match=said):
+        open_agent(tmp_path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000
 
 
 @pytest.mark.parametrize(

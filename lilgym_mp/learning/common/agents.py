@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import nullcontext
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -18,6 +19,7 @@ from lilgym_mp.learning.common.model_file import (
     ModelFileError,
     load_model,
     load_weights,
+    no_larger_than,
     select_device,
     using_description,
 )
@@ -69,7 +71,8 @@ class Agent(ABC):
         if (description.kind, description.version) != (cls.kind, cls.version):
             found = f"{description.kind!r}, version {description.version}"
             raise ModelFileError(f"{path}: a model of kind {found}; must be {cls.kind!r}, version {cls.version}")
-        with using_description(path):
+        is_pretrained = "weights" in description.details.get("model", {})  # its sizes are those of another file
+        with using_description(path), nullcontext() if is_pretrained else no_larger_than(tensors):
             agent = cls.of(description)
         load_weights(agent.network, tensors, path)
         agent.network.to(torch_device).eval()

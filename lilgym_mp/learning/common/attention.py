@@ -52,12 +52,19 @@ class Feedforward(nn.Module):
         return x + self.down(F.relu(self.up(self.norm(x))))
 
 
+def checked_heads(heads: int, width: int) -> int:
+    """`heads`. Raises ValueError unless it divides the width."""
+    if heads < 1 or width % heads:
+        raise ValueError(f"heads must divide the width, {width}, not be {heads}")
+    return heads
+
+
 class Attention(nn.Module):
     """Pre-norm multi-head cross-attention to words."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
-        self.heads = heads
+        self.heads = checked_heads(heads, width)
         self.norm = nn.LayerNorm(width)
         self.query = nn.Linear(width, width)
         self.key_value = nn.Linear(width, 2 * width)

@@ -12,12 +12,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import get_ident
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
+from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from lilgym_mp.evaluation.files import write_atomically
 from lilgym_mp.scene.choices import choose
@@ -91,6 +93,29 @@ def using_description(path: Path) -> Iterator[None]:
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RuntimeError) as error:
         reason = f"it lacks {error}" if isinstance(error, KeyError) else error
         raise ModelFileError(f"{path}: its description cannot be used: {reason}") from None
+
+
+@contextmanager
+def no_larger_than(tensors: Mapping[str, Tensor]) -> Iterator[None]:
+    """Within the block networks with many more parameters than the tensors raise ValueError before memory is used."""
+    left = 2 * sum(tensor.numel() for tensor in tensors.values())  # some modules replace a parameter that they made
+    thread = get_ident()
+
+    def count(module: nn.Module, name: str, parameter: nn.Parameter | None) -> None:
+        nonlocal left
+        if parameter is not None and get_ident() == thread:
+            left -= parameter.numel()
+            if left < 0:
+                shape = tuple(parameter.shape)
+                raise ValueError(
+                    f"its sizes give more parameters than its tensors have, such as {name} of shape {shape}"
+                )
+
+    hook = register_module_parameter_registration_hook(count)
+    try:
+        yield
+    finally:
+        hook.remove()
 
 
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:

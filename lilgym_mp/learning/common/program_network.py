@@ -14,8 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from lilgym_mp.learning.common.attention import checked_heads
+
 PAD = 0
 ROOT = 0  # parent of the first token
+MOST_POSITIONS = 4096
 MAX_ARGUMENTS = 8  # embeddings of argument indices; higher indices share the last
 
 
@@ -30,6 +33,12 @@ class Sizes:
     longest_statement: int = 64  # maximum number of words
     longest_program: int = 96  # maximum number of tokens
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for more positions than MOST_POSITIONS."""
+        for name in ("longest_statement", "longest_program"):
+            if getattr(self, name) > MOST_POSITIONS:
+                raise ValueError(f"{name} must be at most {MOST_POSITIONS:,}, not {getattr(self, name):,}")
+
 
 class Slots(NamedTuple):
     """The position of each token in the program tree."""
@@ -43,7 +52,7 @@ class Attention(nn.Module):
 
     def __init__(self, sizes: Sizes) -> None:
         super().__init__()
-        self.heads = sizes.heads
+        self.heads = checked_heads(sizes.heads, sizes.width)
         self.query = nn.Linear(sizes.width, sizes.width)
         self.key_value = nn.Linear(sizes.width, 2 * sizes.width)
         self.out = nn.Linear(sizes.width, sizes.width)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.envs.config import CORPUS_HELP
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import PairRecipe, RunOptions, setting
@@ -32,7 +33,7 @@ class ParserRecipe(PairRecipe):
 class ParserOptions(RunOptions):
     """The options of a parser's run besides its recipe, which has its budget."""
 
-    corpus: str = setting("builtin", CORPUS_HELP, metavar="CORPUS")
+    corpus: str = setting("builtin", CORPUS_HELP, kind=fixed_name, metavar="CORPUS")
 
 
 def _train(*arguments: Any, **options: Any) -> Any:
