@@ -267,7 +267,7 @@ def by_phenomenon() -> list[list[str]]:
 
 
 def text(page: str) -> str:
-    """The page with its tables made anew."""
+    """The page with its tables made again."""
     return TABLE.sub(_table, page)
 
 

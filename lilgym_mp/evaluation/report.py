@@ -11,7 +11,7 @@ from typing import Any
 
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.results import Result, SuccessCount
+from lilgym_mp.evaluation.results import Result, SuccessCount, rounded
 from lilgym_mp.evaluation.terminal import NUMBER, table
 
 FORMAT = "lilgym_mp-evaluation"
@@ -78,7 +78,7 @@ def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
 
 
 def _percent(fraction: float | None) -> str:
-    return "-" if fraction is None else f"{100 * fraction:.1f} %"
+    return "-" if fraction is None else f"{rounded(100 * fraction, 1)} %"
 
 
 def _percent_of(count: SuccessCount) -> str:

@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass
+from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
@@ -15,6 +16,11 @@ from lilgym_mp.evaluation.policies import NamedPolicy, as_policy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, evaluate
 
 TRAINING_SPLIT = "train"
+
+
+def rounded(value: float, places: int) -> str:
+    """The value as it is printed, with halves rounded up: 84.05 is 84.1, not 84.0 as in binary."""
+    return str(Decimal(repr(float(value))).quantize(Decimal(1).scaleb(-places), ROUND_HALF_UP))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.container import BarContainer
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.contrib.report import ReportError, make_report, writing
+from lilgym_mp.contrib.report import ReportError, make_report, paper, writing
 from lilgym_mp.contrib.report import items as report_items
 from lilgym_mp.contrib.report.aggregation import (
     MeanStd,
@@ -294,6 +294,12 @@ def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
     assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "-1.20"], ["10", "12"]]
 
 
+def test_text__rounds_halves_up_and_keeps_the_decimals_of_the_paper():
+    assert MeanStd(84.05, 3.25, 3).text(1) == "84.1 ± 3.3"
+    assert MeanStd(84.05, None, 1, printed_places=2).text(1) == "84.05"
+    assert paper.ACCURACIES["PPO+SF ViLT"]["TowerScratch", "dev"].text(1) == "84.05 ± 3.25"
+
+
 def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     half = MeanStd(2 / 3, None, 3)
     cells = [("own", 200 / 3, None, half), ("paper †", 1.0, 2.0, None)]
@@ -309,7 +315,7 @@ def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     assert r"paper $^\dagger$ & 1.0 & -- \\" in made.latex()
     few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
     shown = [format_cell(cell, places=1) for cell in (few, few._replace(episodes=100))]
-    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.2 [60.0, 70.1]"]
+    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.3 [60.0, 70.1]"]
 
 
 def test_report__damaged_evaluations_are_named(tmp_path: Path):

@@ -12,6 +12,7 @@ import numpy as np
 
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
+from lilgym_mp.evaluation.results import rounded
 
 RESAMPLES = 4_000
 CONFIDENCE = 0.95
@@ -33,12 +34,16 @@ class MeanStd(NamedTuple):
     low: float | None = None
     high: float | None = None
     episodes: int | None = None  # of a run, if known
+    printed_places: int | None = None  # decimals of a published figure, which are kept
 
     def text(self, places: int = 2) -> str:
         """The mean, the deviation and the interval, as far as they are known."""
-        deviation = "" if self.deviation is None else f" ± {self.deviation:.{places}f}"
-        interval = "" if self.low is None else f" [{self.low:.{places}f}, {self.high:.{places}f}]"
-        return f"{self.mean:.{places}f}{deviation}{interval}"
+        places = places if self.printed_places is None else self.printed_places
+        deviation = "" if self.deviation is None else f" ± {rounded(self.deviation, places)}"
+        interval = ""
+        if self.low is not None and self.high is not None:
+            interval = f" [{rounded(self.low, places)}, {rounded(self.high, places)}]"
+        return f"{rounded(self.mean, places)}{deviation}{interval}"
 
     __str__ = text
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.evaluation.report import markdown_table
+from lilgym_mp.evaluation.results import rounded
 from lilgym_mp.evaluation.terminal import NUMBER
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def format_cell(cell: Cell, places: int = 2) -> str:
     if cell is None:
         return MISSING
     if isinstance(cell, float):
-        return f"{cell:.{places}f}"
+        return rounded(cell, places)
     if isinstance(cell, MeanStd):
         return cell.text(0 if places == 1 and (cell.episodes or FEW_EPISODES) < FEW_EPISODES else places)
     if isinstance(cell, int):

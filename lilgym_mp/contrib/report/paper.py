@@ -9,6 +9,7 @@ from lilgym_mp.contrib.report.aggregation import MeanStd
 
 SOURCE = "Wu et al., ACL 2023"
 RUNS = 3
+PLACES = 2  # decimals of its accuracies
 
 
 PLAYED = ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt")
@@ -29,7 +30,7 @@ PPO+SF FLAVA    | 84.05      | 76.24      | 58.88      | 58.21      | 17.24     
 
 def _accuracy(cell: str) -> MeanStd:
     mean, *deviation = map(float, cell.split())
-    return MeanStd(mean, deviation[0] if deviation else None, RUNS if deviation else 1)
+    return MeanStd(mean, deviation[0] if deviation else None, RUNS if deviation else 1, printed_places=PLACES)
 
 
 # By model, and by configuration and split.
