@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping
-from typing import Any, TypeVar
+from typing import Any, SupportsIndex, TypeVar
+
+from lilgym_mp.scene.arrays import BOOLEANS
 
 EXTENSIONS = "lilgym_mp"  # group of entry points: modules of other packages that register what they add
 
@@ -27,6 +30,25 @@ def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
         close = get_close_matches(name, table, 1)
     question = f"; did you mean {close[0]!r}?" if close else ""
     raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}{question}")
+
+
+def checked_count(name: str, value: object, least: int = 1, *, of: str = "") -> int:
+    """A whole number as an int, whatever its type; booleans and floats are none.
+
+    Args:
+        name: What the error calls the value.
+        value: The value.
+        least: The lowest value allowed.
+        of: What is counted, for the error, such as " of actions or None".
+
+    Raises:
+        ValueError: Unless it is a whole number, `least` or more.
+    """
+    number = operator.index(value) if isinstance(value, SupportsIndex) and not isinstance(value, BOOLEANS) else None
+    if number is None or number < least:
+        kind = "positive whole number" if least == 1 else f"whole number, {least} or more"
+        raise ValueError(f"{name} must be a {kind}{of}, not {value!r}")
+    return number
 
 
 def register(what: str, name: str, value: Value, table: MutableMapping[str, Value]) -> None:
