@@ -193,7 +193,10 @@ def make_vec_env(
     drawn = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
     given = [f"{name}={value!r}" for name, value in drawn.items() if value != DRAWN[name]]
     if kwargs.get("evaluation") and backend in ("subproc", "dummy"):
-        raise ValueError(f'evaluation=True needs backend="batched" or backend="workers", not backend={backend!r}')
+        raise TypeError(
+            f'evaluation=True needs backend="batched" or backend="workers", as it belongs to batches, not'
+            f" backend={backend!r}"
+        )
     if kwargs.get("evaluation") and given:
         raise ValueError(
             f'evaluation=True (with backend="batched" or "workers") plays every task of the split once; leave out'
