@@ -66,7 +66,7 @@ def check_env(make: Callable[[], SingleEnv], *, exact_masks: bool = True, steps:
     """
     for event in _check_player(lambda: _Singles([make()]), steps, exact_masks=exact_masks):
         types = tuple(map(type, (event.reward, event.terminated, event.truncated, event.info)))
-        assert types == (float, bool, bool, dict), f"reward, flags and info must be float, bool, bool, dict: {types}"
+        _require(types == (float, bool, bool, dict), f"reward, flags and info must be float, bool, bool, dict: {types}")
     env = make()
     action = env.action_space.sample()
     _check_raises(ResetNeeded, "before the first reset", env.step, action)
@@ -222,21 +222,21 @@ class _Player:
     def check(self, event: Event, *, exact_masks: bool) -> None:
         """Checks what an event says of itself."""
         info, action = event.info, event.action
-        assert event.observation in self.observation_space, "an observation is not in the observation space"
+        _require(event.observation in self.observation_space, "an observation is not in the observation space")
         if action is None:
-            assert "task" in info, f"infos of a reset name no task: {info}"
+            _require("task" in info, f"infos of a reset name no task: {info}")
         elif not event.ends:
-            assert "outcome" not in info, f"infos before the end of an episode have an outcome: {info}"
+            _require("outcome" not in info, f"infos before the end of an episode have an outcome: {info}")
         else:
             outcome = info.get("outcome")
-            assert outcome in OUTCOMES, f"the outcome must be one of {', '.join(OUTCOMES)}, not {outcome!r}"
-            assert info["is_success"] == (outcome == "success"), f"is_success contradicts the outcome: {info}"
-            assert ("invalid_reason" in info) == (outcome == "invalid_action"), f"invalid_reason is wrong: {info}"
+            _require(outcome in OUTCOMES, f"the outcome must be one of {', '.join(OUTCOMES)}, not {outcome!r}")
+            _require(info["is_success"] == (outcome == "success"), f"is_success contradicts the outcome: {info}")
+            _require(("invalid_reason" in info) == (outcome == "invalid_action"), f"invalid_reason is wrong: {info}")
         if isinstance(action, int):
             is_valid, is_allowed = info.get("outcome") != "invalid_action", bool(event.mask[action])
-            assert is_valid >= is_allowed, f"the mask allows action {action}, which is invalid"
-            assert not exact_masks or is_valid == is_allowed, f"the mask forbids action {action}, which is valid"
-            assert action or info["is_success"] == event.goal, f"goal_reached was {event.goal}, but STOP gave {info}"
+            _require(is_valid >= is_allowed, f"the mask allows action {action}, which is invalid")
+            _require(not exact_masks or is_valid == is_allowed, f"the mask forbids action {action}, which is valid")
+            _require(action or info["is_success"] == event.goal, f"goal_reached was {event.goal}, but STOP gave {info}")
 
 
 class _Singles(_Player):
@@ -283,7 +283,7 @@ class _Vector(_Player):
         return self._starts(*self.env.reset(seed=seed))
 
     def _starts(self, observations: Any, infos: Any) -> list[Event]:
-        assert observations in self.env.observation_space, "a batch's observation is not in its observation space"
+        _require(observations in self.env.observation_space, "a batch's observation is not in its observation space")
         return [Event(row_of(observations, env_id), _info(infos, env_id)) for env_id in range(self.count)]
 
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
@@ -294,7 +294,7 @@ class _Vector(_Player):
         for env_id, now in enumerate(self._starts(observations, infos)):
             outcome = rewards[env_id], terminated[env_id], truncated[env_id]
             if waiting[env_id]:
-                assert not any(outcome), f"reward and flags of a reset in mode NEXT_STEP must be 0, not {outcome}"
+                _require(not any(outcome), f"reward and flags of a reset in mode NEXT_STEP must be 0, not {outcome}")
                 events.append([now])
             elif ends[env_id] and self.mode is AutoresetMode.SAME_STEP:
                 last = Event(infos["final_obs"][env_id], _info(infos["final_info"], env_id), *outcome)
@@ -365,13 +365,15 @@ class _GamePlayer(_Player):
 
     def check(self, event: Event, *, exact_masks: bool) -> None:
         for agent, space in self.observation_space.items():
-            assert event.observation[agent] in space, f"an observation of {agent} is not in its space"
+            _require(event.observation[agent] in space, f"an observation of {agent} is not in its space")
             if event.action is None or event.info is None:
                 continue
             action, info = event.action[agent], event.info[agent]
             is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
-            assert not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
-            assert event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}"
+            _require(
+                not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
+            )
+            _require(event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
 
 
 class _ParallelGames(_GamePlayer, _Singles):
@@ -394,7 +396,7 @@ class _ParallelGames(_GamePlayer, _Singles):
     def _step(self, env: Any, action: Any) -> Event:
         observations, rewards, terminated, truncated, infos = env.step(action)
         event = Event(observations, infos, rewards, any(terminated.values()), any(truncated.values()))
-        assert event.ends != bool(env.agents), f"agents must be empty just after the end, not {env.agents}"
+        _require(event.ends != bool(env.agents), f"agents must be empty just after the end, not {env.agents}")
         return event
 
 
@@ -444,18 +446,25 @@ def _check_same_histories(ours: list[list[Event]], theirs: list[list[Event]], wh
 def assert_same(value: Any, expected: Any, what: str = "the value") -> None:
     """Raises AssertionError unless both are equal in structure, dtype and every value."""
     if isinstance(expected, Mapping):
-        assert isinstance(value, Mapping), f"{what} is a {type(value).__name__}, not a mapping"
-        assert value.keys() == expected.keys(), f"{what} has the entries {[*value]}, not {[*expected]}"
+        _require(isinstance(value, Mapping), f"{what} is a {type(value).__name__}, not a mapping")
+        _require(value.keys() == expected.keys(), f"{what} has the entries {[*value]}, not {[*expected]}")
         for key in expected:
             assert_same(value[key], expected[key], f"{key!r} in {what}")
     elif isinstance(expected, list | tuple) or (isinstance(expected, np.ndarray) and expected.dtype.kind == "O"):
-        assert len(value) == len(expected), f"{what} has {len(value)} parts, not {len(expected)}"
+        _require(len(value) == len(expected), f"{what} has {len(value)} parts, not {len(expected)}")
         for part, expected_part in zip(value, expected, strict=True):
             assert_same(part, expected_part, f"a part of {what}")
     else:
         one, other = np.asarray(value), np.asarray(expected)
-        assert one.dtype == other.dtype, f"{what} has dtype {one.dtype}, not {other.dtype}"
-        assert np.array_equal(one, other), f"{what} is {value!r}, not {expected!r}"
+        _require(one.dtype == other.dtype, f"{what} has dtype {one.dtype}, not {other.dtype}")
+        if not np.array_equal(one, other):  # texts of arrays are slow
+            raise AssertionError(f"{what} is {value!r}, not {expected!r}")
+
+
+def _require(condition: object, message: str) -> None:
+    """Raises AssertionError with the message unless the condition holds, also under `python -O`."""
+    if not condition:
+        raise AssertionError(message)
 
 
 def _check_closed(env: Any, action: Any) -> None:

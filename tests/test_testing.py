@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -306,3 +310,29 @@ def test_check_game__finds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(game, "reset", lambda seed=None, options=None: type(game).reset(game))
     with pytest.raises(AssertionError, match="with the same seed"):
         testing.check_game(lambda: game)
+
+
+BROKEN = """
+import gymnasium as gym
+from lilgym_mp import testing
+
+class Doubled(gym.Wrapper):
+    def step(self, action):
+        observation, reward, *others = self.env.step(action)
+        return observation, str(reward), *others
+
+try:
+    testing.check_env(lambda: Doubled(gym.make("lilgym_mp/TowerFlipIt-v0")), steps=5)
+except AssertionError as fault:
+    print(__debug__, fault)
+"""
+
+
+def test_check_env__finds_a_broken_environment_under_python_o() -> None:
+    done = subprocess.run([sys.executable, "-O", "-c", BROKEN], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("False reward, flags and info must be float, bool, bool, dict"), done.stderr
+
+
+def test_testing__has_no_assert_statements() -> None:
+    tree = ast.parse(Path(testing.__file__).read_text())
+    assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree))

@@ -13,6 +13,7 @@ from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import Vocabulary, words
+from lilgym_mp.scene.choices import checked_count
 
 VOCABULARY_SPLIT = "train"
 LENGTH_FACTOR = 1.25  # default length relative to the longest train statement
@@ -54,8 +55,8 @@ class StatementArrays:
         truncate: bool = False,
     ) -> None:
         """`truncate`: statements that exceed the length; otherwise they are a ValueError."""
-        if length is not None and (isinstance(length, bool) or not isinstance(length, int) or length < 1):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
+        if length is not None:
+            length = checked_count("length", length, of=" of words or None")
         training = statements_of(training_tasks(tasks)) if vocabulary is None or length is None else []
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)

@@ -16,10 +16,10 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
-from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer
+from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer, warn_of_no_mode
 from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
-from lilgym_mp.envs.sampling import check_statement, checked_task
+from lilgym_mp.envs.sampling import Sampler, check_statement, checked_task
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
@@ -80,13 +80,41 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self.observation_space = batched(self.single_observation_space, self.num_envs)
         self.autoreset_mode = settings.autoreset_mode
         self._evaluation = settings.evaluation
-        self.sampler = settings.sampler
+        self._sampler = settings.sampler
+        self._identity = settings.identity()
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
         self._set_tasks(settings.tasks())
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)
+
+    @property
+    def tasks(self) -> TaskSet:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The tasks that are played; `change_tasks` replaces them."""
+        return self._tasks
+
+    @tasks.setter
+    def tasks(self, tasks: TaskSet) -> None:
+        raise AttributeError("the tasks of a batch cannot be set; call change_tasks(lambda tasks: ...), then reset")
+
+    @property
+    def sampler(self) -> Sampler | None:
+        """What chooses the tasks, if it is not the uniform distribution."""
+        return self._sampler
+
+    @sampler.setter
+    def sampler(self, sampler: Sampler | None) -> None:
+        raise AttributeError("the sampler of a batch cannot be set; pass sampler=... when making the batch")
+
+    @property
+    def np_random(self) -> np.random.Generator:
+        """A generator that no environment uses: each has its own, which `reset(seed=...)` seeds."""
+        return super().np_random
+
+    @np_random.setter
+    def np_random(self, value: np.random.Generator) -> None:
+        raise AttributeError("each environment of a batch has a generator of its own; call reset(seed=...)")
 
     def _check_open(self) -> None:
         """Raises ClosedEnvironmentError if the environment is closed."""
@@ -106,7 +134,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self._everywhere(Engine.set_tasks, self.tasks)
 
     def _set_tasks(self, tasks: TaskSet) -> None:
-        self.tasks = tasks
+        self._tasks = tasks
         self._indexed = with_room(tasks, self.num_envs)  # by index, as `_task_ids`, `_statements` and `_targets`
         self._task_ids = np.array([task.id for task in self._indexed], object)
         self._targets = np.array([task.target for task in self._indexed], np.int64)
@@ -352,13 +380,18 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         """Continues from a `save_state()` of a batch of this configuration, or from N of its elements in any order:
         `[state[0]] * N` puts all environments into the state of the first.
 
-        Raises ValueError unless there are N, and for tasks that do not fit this batch.
+        Raises ValueError unless there are N, for a batch of other scenes, rules or horizon, and for tasks that do not
+        fit this batch.
         """
         self._check_open()
         if len(state) != self.num_envs:
             raise ValueError(f"state must have {self.num_envs} elements, one for each environment, not {len(state)}")
         snapshots, seeds = (list(column) for column in zip(*state, strict=True))
         for snapshot in snapshots:
+            if snapshot.identity != self._identity:
+                raise ValueError(
+                    f"this state cannot be played here: saved in {snapshot.identity}; this batch is {self._identity}"
+                )
             self._chosen_task(snapshot.state.task)
         self._seeds = seeds
         self._add_tasks(self._everywhere(Engine.restore, snapshots))
@@ -378,6 +411,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         """A frame (304, 784, 3) or text for each environment, by render mode."""
         self._check_open()
         if (renderer := self._renderer) is None:
+            warn_of_no_mode(self.spec.id if self.spec else type(self).__name__)
             return None
         shown = (
             renderer.show(state, self.dynamics, self._last_action(env_id, state))

@@ -8,6 +8,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.scene.choices import checked_count as checked_count
+
 
 def check_open(*, closed: bool) -> None:
     """Raises ClosedEnvironmentError for a closed environment."""
@@ -22,14 +24,6 @@ def checked_seed(seed: object) -> int | None:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"a seed must be None or a whole number, 0 or larger, not {seed!r}")
     return int(seed)
-
-
-def checked_count(name: str, value: object, least: int = 1) -> int:
-    """`value` as an int. Raises ValueError unless it is a whole number, `least` or more."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        kind = "positive whole number" if least == 1 else f"whole number, {least} or more"
-        raise ValueError(f"{name} must be a {kind}, not {value!r}")
-    return int(value)
 
 
 def checked_options(options: object, choices: Iterable[str]) -> Mapping[str, Any]:

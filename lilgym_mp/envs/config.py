@@ -8,6 +8,7 @@ from dataclasses import KW_ONLY, Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet, load_tasks
@@ -49,6 +50,15 @@ def setting(
     return field(default=default, metadata={**metadata, **more})
 
 
+def _plain(value: Any) -> Any:
+    """Lists, as from JSON, and arrays as tuples, and NumPy's integers as ints, so that equal settings are equal."""
+    if isinstance(value, np.integer):
+        return int(value)
+    if type(value) in (list, tuple) or (isinstance(value, np.ndarray) and value.ndim):
+        return tuple(_plain(part) for part in value)
+    return value
+
+
 @dataclass(frozen=True)
 class EnvConfig:
     """The identity of an environment; all but the split and the image size is part of the identity of a run."""
@@ -64,8 +74,7 @@ class EnvConfig:
     def __post_init__(self) -> None:
         """Raises ValueError naming the choices for an unknown configuration; what is made of the rest checks it."""
         for each in fields(self):
-            if isinstance(value := getattr(self, each.name), list):  # as from JSON
-                object.__setattr__(self, each.name, tuple(value))
+            object.__setattr__(self, each.name, _plain(getattr(self, each.name)))
         object.__setattr__(self, "configuration", configuration_name(*read_configuration(self.configuration)))
         object.__setattr__(self, "corpus", fixed_name(self.corpus))
 

@@ -49,6 +49,13 @@ class BatchSettings(SingleConfig):
         choose("observation", self.observation, FORMS)
         self.array_specs()
 
+    def identity(self) -> str:
+        """The scenes and the rules, which batches that exchange states must share."""
+        dynamics = self.dynamics()
+        grid = dynamics.appearance.grid
+        shown = self.appearance if grid is None else f"{self.appearance} with a grid of {grid[0]}x{grid[1]}"
+        return f"{shown}, rules={self.rules!r}, horizon={dynamics.horizon}"
+
     def array_specs(self) -> dict[str, ArraySpec]:
         """Shape and dtype of each of the buffers' arrays."""
         dynamics = self.dynamics()
@@ -72,6 +79,7 @@ class EnvSnapshot(NamedTuple):
     drawn: tuple[int, ...]
     episodes: int
     repeats: bool
+    identity: str  # `BatchSettings.identity` of the batch
 
 
 def with_room(tasks: TaskSet, num_envs: int) -> list[Task]:
@@ -106,6 +114,7 @@ class Engine:
         self._autoreset = settings.autoreset_mode
         self._evaluation = settings.evaluation
         self._sampler = settings.sampler
+        self._identity = settings.identity()
         count = len(buffers.action)
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
         self._generators: list[np.random.Generator | None] = [None] * count
@@ -239,6 +248,7 @@ class Engine:
                 tuple(self._drawn[env_id]),
                 int(self._episodes[env_id]),
                 bool(self._repeats[env_id]),
+                self._identity,
             )
             for env_id, state in enumerate(self.states())
         ]
@@ -247,7 +257,7 @@ class Engine:
         """Continues from snapshots (stride,), one for each environment of the batch."""
         buffers = self.buffers
         for env_id in range(len(buffers.action)):
-            state, row, generator, drawn, episodes, repeats = snapshots[self._first + env_id]
+            state, row, generator, drawn, episodes, repeats, _ = snapshots[self._first + env_id]
             # A task that starts in the scene, for the core; then the task itself.
             start = self._index(env_id, replace(state.task, start=state.scene))
             self.core.start(np.array([env_id]), np.array([start]))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
+
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.scene.actions import checked_index
@@ -55,6 +57,14 @@ class SharedInterface:
     def evaluation_tasks(self) -> tuple[str, ...]:
         """Every task id of the split, in file order."""
         return self.tasks.ids
+
+
+def warn_of_no_mode(id: str) -> None:
+    """Warns, as Gymnasium's environments do, that `render` was called without a render mode."""
+    gym.logger.warn(
+        f'render() does nothing without a render mode; give one when making the environment: "{id}",'
+        ' render_mode="rgb_array"'
+    )
 
 
 def end_info(outcome: Outcome, invalid: InvalidReason | None) -> dict[str, Any]:

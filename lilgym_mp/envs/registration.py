@@ -29,7 +29,9 @@ CONFIGURATIONS = configurations()  # of the package's own appearances
 
 def read_configuration(name: str) -> tuple[str, str]:
     """Appearance and start of a configuration, by its name or Gymnasium id. Raises ValueError naming the choices."""
-    bare = name.removeprefix("lilgym_mp/").removesuffix("-v0") if isinstance(name, str) else name
+    bare = name
+    if isinstance(name, str):
+        bare = name.removeprefix("lilgym_mp:").removeprefix("lilgym_mp/").removesuffix("-v0")
     if bare not in configurations():
         load_extensions()
     return choose("configuration", bare, configurations())

@@ -16,7 +16,7 @@ from lilgym_mp.scene import Scene, new_tuple
 from lilgym_mp.scene.actions import Action, Stop
 from lilgym_mp.scene.appearances import Appearance, InvalidReason, PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import checked_count, choose
 
 STEP_COST = 0.1
 
@@ -218,6 +218,4 @@ def make_dynamics(appearance: Appearance, rules: str = "paper", horizon: int | N
     rule_set = choose("rules", rules, RULE_SETS)
     if horizon is None:
         horizon = rule_set.horizon
-    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise ValueError(f"horizon must be a positive whole number of actions or None, not {horizon!r}")
-    return Dynamics(appearance, rule_set, horizon)
+    return Dynamics(appearance, rule_set, checked_count("horizon", horizon, of=" of actions or None"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from typing import Any, SupportsFloat, cast
 
@@ -12,7 +13,15 @@ from gymnasium import spaces
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.config import SingleConfig
-from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, RESET_OPTIONS, SharedInterface, end_info, make_renderer
+from lilgym_mp.envs.interface import (
+    RENDER_FPS,
+    RENDER_MODES,
+    RESET_OPTIONS,
+    SharedInterface,
+    end_info,
+    make_renderer,
+    warn_of_no_mode,
+)
 from lilgym_mp.envs.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.envs.rules import State, Transition
 from lilgym_mp.envs.sampling import check_statement, checked_task, next_draws
@@ -74,13 +83,18 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
         self._is_seeded = False  # whether a reset has been given a seed
+        self._process = os.getpid()  # that drew the tasks
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies of an environment that was never seeded draw tasks on their own."""
         state = vars(self).copy()
-        if not self._is_seeded and self._np_random_seed != -1:  # Gymnasium's seed of a generator that was set
+        if self._draws_on_its_own():
             state |= {"_np_random": None, "_np_random_seed": None, "_draws": []}
         return state
+
+    def _draws_on_its_own(self) -> bool:
+        """Whether a copy of this environment, or a forked one, is to draw other tasks."""
+        return not self._is_seeded and self._np_random_seed != -1  # Gymnasium's seed of a generator that was set
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -113,6 +127,11 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         return checked_task(choice, self.dynamics)
 
     def _drawn_task(self) -> Task:
+        if self._process != (process := os.getpid()):  # this process was forked
+            self._process = process
+            if self._draws_on_its_own():
+                self._np_random = self._np_random_seed = None
+                self._draws = []
         generator = self.np_random
         if self.sampler is not None and (choice := self.sampler(generator, 0)) is not None:
             return self._task(choice)
@@ -190,7 +209,10 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
         state = self.state  # raises after `close`
-        return None if self._renderer is None else self._renderer.show(state, self.dynamics, self._last)
+        if self._renderer is None:
+            warn_of_no_mode(self.config.id)
+            return None
+        return self._renderer.show(state, self.dynamics, self._last)
 
     def close(self) -> None:
         self._closed = True

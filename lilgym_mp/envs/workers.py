@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,18 +28,20 @@ from multiprocessing import reduction
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from numbers import Real
+from pkgutil import resolve_name
 from time import perf_counter
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 
 from lilgym_mp.envs.batched import LilGymVectorEnv, T
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.keywords import refuse_old_id
-from lilgym_mp.envs.machine import usable_cores
+from lilgym_mp.envs.machine import start_method_kept, usable_cores
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose
@@ -287,9 +290,8 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
         self._finalizer: weakref.finalize[Any, Any] | None = None  # set when there are processes or memory to release
-        given = gym.spec(id).kwargs
-        if "new_id" in given:
-            refuse_old_id(**given)
+        spec = _batch_spec(id)
+        given = spec.kwargs
         own = ("num_workers", "start_method", "timeout_seconds", "render_mode", "copy")
         checked = BatchSettings.of({"num_envs": num_envs, **given, **settings}, *own)
         count = checked_worker_count(num_workers, checked.num_envs)
@@ -305,6 +307,13 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._shared = shared = SharedMemory(sum(spec.size for spec in specs.values()))
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, shared, self._owner)
         bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
+        group = getattr(checked.sampler, "same_statement", 1)
+        if any(bound % group for bound in bounds[1:-1]):
+            warnings.warn(
+                f"same_statement={group}: {count} workers split groups of environments that play one statement, so that"
+                f" they play several; choose num_workers so that each process has a multiple of {group} environments",
+                stacklevel=2,
+            )
         spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
         own, *others = (
             Assignment(checked, shared, specs, spin_seconds, index, slice(bounds[index], bounds[index + 1]))
@@ -315,9 +324,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._page_users: list[weakref.ref[Any] | None] = [None] * pages
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
-        self.spec = replace(
-            gym.spec(id), kwargs={**given, **settings, "num_envs": num_envs, "render_mode": render_mode}
-        )
+        self.spec = replace(spec, kwargs={**given, **settings, "num_envs": num_envs, "render_mode": render_mode})
         self._own = own.part
         try:
             with _starting:
@@ -396,6 +403,30 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self._finalizer.detach()
 
 
+def _batch_spec(id: str) -> EnvSpec:
+    """The spec of a batch's id, "MODULE:ID" or "ID", of which MODULE is imported first, as in `gymnasium.make`.
+
+    Its kwargs include the `max_episode_steps` of an id of one's own, as `gymnasium.make_vec` passes it: batches refuse
+    it, because their rules end the episodes.
+
+    Raises:
+        gymnasium.error.Error: For an unknown id, one of the release, or one with wrappers of single environments.
+    """
+    module, _, name = id.rpartition(":")
+    if module:
+        resolve_name(module)
+    spec = gym.spec(name)
+    if spec.additional_wrappers:
+        wrappers = ", ".join(each.name for each in spec.additional_wrappers)
+        raise gym.error.Error(f"{name} is registered with additional_wrappers, which wrap no batches: {wrappers}")
+    kwargs = dict(spec.kwargs)
+    if "new_id" in kwargs:
+        refuse_old_id(**kwargs)
+    if spec.max_episode_steps is not None:
+        kwargs.setdefault("max_episode_steps", spec.max_episode_steps)
+    return replace(spec, kwargs=kwargs)
+
+
 def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> None:
     """Stops the workers and empties their list; in a child forked from their owner, only closes its connections.
 
@@ -453,7 +484,7 @@ def _start_worker(context: Any, assignment: Assignment, listed: list[_Worker]) -
     if context.get_start_method() == "fork":
         inherited += [worker.pipe for worker in listed]
     try:
-        with _compiler_lock_held(), _interrupts_blocked(context):
+        with start_method_kept(), _compiler_lock_held(), _interrupts_blocked(context):
             process.start()
     except OSError as fault:
         raise WorkerError(f"worker {assignment.index} cannot be started: {fault}") from fault
@@ -507,7 +538,7 @@ def _checked_timeout(seconds: float) -> float:
 
 
 def _context(start_method: str | None) -> Any:
-    if start_method is None:
-        return multiprocessing.get_context()
+    if start_method is None:  # Python's default, which `get_context()` would fix for the whole process
+        start_method = multiprocessing.get_start_method(allow_none=True) or multiprocessing.get_all_start_methods()[0]
     methods = {method: method for method in multiprocessing.get_all_start_methods()}
     return multiprocessing.get_context(choose("start_method", start_method, methods))

@@ -33,6 +33,10 @@ from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
+SCALED = (
+    "LilGymPolicy reads {0!r} in whole numbers, as the environment gives it: leave it out of VecNormalize"
+    " (norm_obs=False, or norm_obs_keys without it) and of other scaling"
+)
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
 
 
@@ -53,11 +57,16 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
         self.settings, self.vocabulary = Settings.from_json(settings), Vocabulary(tuple(words))
         self._table, self._texts = BoxImageTable(), dict[bytes, str]()
+        self._versions: list[tuple[int, int]] = []  # of the parameters that made the cached encodings
         super().__init__(*args, **{"optimizer_kwargs": {"eps": 1e-5, "fused": True}, **kwargs})
 
     def _build(self, lr_schedule: Any) -> None:
         appearance = make_appearance(self.settings.appearance, self.settings.grid)
         self._ids: Any = self.observation_space[STATEMENT]
+        for name in (IMAGE, ITEMS):
+            part = self.observation_space.spaces.get(name)
+            if part is not None and np.dtype(part.dtype).kind == "f":
+                raise ValueError(f"{SCALED.format(name)}, not {part}")
         needed = appearance.action_count, len(self.vocabulary)
         if needed != (found := (int(self.action_space.n), 1 + int(self._ids.high.max()))):
             raise ValueError(f"these settings and words have {needed} actions and token ids, the environment {found}")
@@ -71,9 +80,16 @@ class LilGymPolicy(MaskableActorCriticPolicy):
             self.network.clear_cache()
         super().set_training_mode(mode)
 
-    def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **kwargs: Any) -> Any:
-        self.network.clear_cache()
-        return super().load_state_dict(state_dict, *args, **kwargs)
+    def load_from_vector(self, vector: np.ndarray) -> None:
+        self.network.clear_cache()  # the memory of the new parameters may be that of older ones
+        super().load_from_vector(vector)
+
+    def _forget_other_weights(self) -> None:
+        """Clears the network's cached encodings if its parameters are not those that made them."""
+        versions = [(one.data_ptr(), one._version) for one in self.network.parameters()]  # pyright: ignore[reportPrivateUsage]
+        if versions != self._versions:
+            self._versions = versions
+            self.network.clear_cache()
 
     def forward(self, obs: Any, deterministic: bool = False, action_masks: Any = None) -> tuple[Tensor, Tensor, Tensor]:
         policy, values = self._decided(obs, action_masks)
@@ -98,6 +114,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
 
     def _decided(self, observations: Mapping[str, Tensor], action_masks: Any = None) -> tuple[FactoredPolicy, Tensor]:
         """The policy and the values (N, 1)."""
+        self._forget_other_weights()
         legal = None if action_masks is None else np.asarray(action_masks, np.bool_).reshape(-1, self.action_space.n)
         policy, values = policy_and_values(self.network, self._states(observations), legal)
         return policy, values[:, None]
@@ -113,7 +130,10 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         if ITEMS in arrays:
             boxes = self._table.item_indices(arrays[ITEMS].astype(np.int16))
         else:
-            images = arrays[IMAGE].astype(np.uint8, copy=False)
+            given = arrays[IMAGE]
+            if given.dtype.kind == "f" and (given.max(initial=0) <= 1 or given.min(initial=0) < 0):
+                raise ValueError(f"{SCALED.format(IMAGE)}, not {given.min()} .. {given.max()}")
+            images = given.astype(np.uint8, copy=False)
             boxes = self._table.indices(images.transpose(0, 2, 3, 1) if images.shape[1] == 3 else images)
         return self._table.states_of([*map(self._text, arrays[STATEMENT])], boxes, arrays[TARGET].reshape(-1))
 

@@ -22,7 +22,7 @@ from lilgym_mp.envs.interface import RESET_OPTIONS
 from lilgym_mp.envs.keywords import SB3_INSTEAD, check_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
 from lilgym_mp.envs.observation import ARRAYS, row_of
-from lilgym_mp.envs.preload import preload_tasks
+from lilgym_mp.envs.preload import preloading
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.scene.choices import choose
@@ -33,6 +33,8 @@ OF_BATCHES = ("autoreset_mode", "closed", "copy", "np_random", "num_envs", "rese
 BATCH_KEYWORDS = {"autoreset_mode", "copy", "evaluation", "num_envs", "vectorization_mode"}  # in the spec of a batch
 METHODS_OF_EACH = ("action_masks", "goal_reached", "render")  # the batch's return one row per environment
 METHODS = (*METHODS_OF_EACH, "encode_action", "decode_action", "evaluation_tasks")
+
+DRAWN = {"same_statement": 1, "recolour": False, "empty_starts": 0.0}  # defaults of what makes a StatementSampler
 
 Wrap = Callable[[Any], Any]  # such as a factory of `lilgym_mp.wrappers`
 
@@ -141,10 +143,10 @@ def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: d
 def _subproc(id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> SubprocVecEnv:
     start_method = kwargs.pop("start_method", None)
     first = _make(id, wrap, kwargs)  # fails here with a clear error, whereas SB3's processes would break the pipe
-    if start_method != "fork":
-        preload_tasks(first.get_wrapper_attr("tasks"), "stable_baselines3.common.vec_env.subproc_vec_env")
+    tasks = first.get_wrapper_attr("tasks")
     first.close()
-    with note_after(f'starting {n_envs} processes; backend="batched" needs none'):
+    note = note_after(f'starting {n_envs} processes; backend="batched" needs none')
+    with note, preloading(tasks, "stable_baselines3.common.vec_env.subproc_vec_env"):
         return SubprocVecEnv([partial(_make, id, wrap, kwargs)] * n_envs, start_method=start_method)
 
 
@@ -188,12 +190,24 @@ def make_vec_env(
     """
     check_keywords(kwargs.keys() & SB3_INSTEAD, (), SB3_INSTEAD)
     build = choose("backend", backend, BACKENDS)
-    if same_statement != 1 or recolour or empty_starts:
+    drawn = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
+    given = [f"{name}={value!r}" for name, value in drawn.items() if value != DRAWN[name]]
+    if kwargs.get("evaluation") and backend in ("subproc", "dummy"):
+        raise TypeError(
+            f'evaluation=True needs backend="batched" or backend="workers", as it belongs to batches, not'
+            f" backend={backend!r}"
+        )
+    if kwargs.get("evaluation") and given:
+        raise ValueError(
+            f'evaluation=True (with backend="batched" or "workers") plays every task of the split once; leave out'
+            f" {', '.join(given)}"
+        )
+    if given:
         if "sampler" in kwargs:
             raise ValueError("same_statement, recolour and empty_starts make a sampler; leave out sampler")
         if same_statement != 1 and backend in ("subproc", "dummy"):
             raise ValueError(f'same_statement={same_statement} needs backend="batched" or backend="workers"')
-        sampling: Any = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
+        sampling: Any = drawn
         corpus = kwargs.get("corpus", "builtin")
         kwargs["sampler"] = StatementSampler(id, corpus, statement_episodes=statement_episodes, **sampling)
     outer = wrap or (lambda env: env)

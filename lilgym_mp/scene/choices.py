@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping
-from typing import Any, TypeVar
+from typing import Any, SupportsIndex, TypeVar
+
+from lilgym_mp.scene.arrays import BOOLEANS
 
 EXTENSIONS = "lilgym_mp"  # group of entry points: modules of other packages that register what they add
 
@@ -34,6 +37,25 @@ def is_close(name: object, choices: Iterable[str]) -> bool:
     from difflib import get_close_matches
 
     return bool(get_close_matches(str(name), choices, 1))
+
+
+def checked_count(name: str, value: object, least: int = 1, *, of: str = "") -> int:
+    """A whole number as an int, whatever its type; booleans and floats are none.
+
+    Args:
+        name: What the error calls the value.
+        value: The value.
+        least: The lowest value allowed.
+        of: What is counted, for the error, such as " of actions or None".
+
+    Raises:
+        ValueError: Unless it is a whole number, `least` or more.
+    """
+    number = operator.index(value) if isinstance(value, SupportsIndex) and not isinstance(value, BOOLEANS) else None
+    if number is None or number < least:
+        kind = "positive whole number" if least == 1 else f"whole number, {least} or more"
+        raise ValueError(f"{name} must be a {kind}{of}, not {value!r}")
+    return number
 
 
 def register(what: str, name: str, value: Value, table: MutableMapping[str, Value]) -> None:

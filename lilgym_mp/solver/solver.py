@@ -12,6 +12,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter, Tower
+from lilgym_mp.scene.choices import checked_count
 from lilgym_mp.solver.class_search import Reachability, program_goal
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
@@ -47,9 +48,8 @@ class Solver:
             choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
             raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
-        self.budget = self._search.budget if budget is None else budget
-        if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+        given = self._search.budget if budget is None else budget
+        self.budget = checked_count("budget", given, of=" of scenes or None")
 
     def solve(self, task: Task) -> Solution:
         """A shortest solution from the task's start."""

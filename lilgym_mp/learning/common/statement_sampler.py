@@ -42,13 +42,13 @@ class StatementSampler:
         self.tasks = training.tasks  # played instead of those of the environment's corpus
         self.vocabulary = Vocabulary.from_statements(training.statements)
         self._draws = TaskSampler(training, recipe)
-        self._group = same_statement
+        self.same_statement = same_statement
         self._episodes = same_statement * checked_count("statement_episodes", statement_episodes)
         self._left: dict[int, tuple[int, int]] = {}  # by group: its statement, and how many more episodes play it
 
     def __call__(self, generator: np.random.Generator, env_id: int) -> str:
         """The id of the next task."""
-        group = env_id // self._group
+        group = env_id // self.same_statement
         statement, left = self._left.get(group, (0, 0))
         if not left:
             statement, left = int(self._draws.draw_statements(1, generator)[0]), self._episodes

@@ -1,0 +1,133 @@
+"""Single environments, batches, workers and SB3's adapter check alike what they are given."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp.envs.workers import WorkerVectorEnv
+
+TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
+MAKERS: dict[str, Callable[..., Any]] = {
+    "single": gym.make,
+    "batch": lambda id, **settings: gym.make_vec(id, num_envs=2, **settings),
+    "workers": lambda id, **settings: WorkerVectorEnv(id, 2, **settings),
+}
+
+
+@pytest.fixture
+def own_id() -> Any:
+    yield "OwnLimit-v0"
+    gym.registry.pop("OwnLimit-v0", None)
+
+
+def register(**settings: Any) -> None:
+    gym.register(
+        "OwnLimit-v0",
+        "lilgym_mp.envs.single:LilGymEnv",
+        vector_entry_point="lilgym_mp.envs.batched:BatchedEnv",
+        kwargs={"configuration": "TowerFlipIt"},
+        **settings,
+    )
+
+
+@pytest.mark.parametrize("kind", ["batch", "workers"])
+def test_own_id_with_a_limit_of_steps__is_refused_by_batches(own_id: str, kind: str) -> None:
+    register(max_episode_steps=3)
+    with pytest.raises(TypeError, match="'max_episode_steps'; use horizon=N"):
+        MAKERS[kind](own_id)
+
+
+@pytest.mark.parametrize("kind", ["batch", "workers"])
+def test_own_id_with_wrappers__is_refused_by_batches(own_id: str, kind: str) -> None:
+    wrapped = gym.wrappers.TransformReward(gym.make(TOWER), float)
+    assert wrapped.spec is not None
+    register(additional_wrappers=wrapped.spec.additional_wrappers)
+    with pytest.raises(gym.error.Error, match="additional_wrappers"):
+        MAKERS[kind](own_id)
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_id__may_name_the_module_to_import(kind: str) -> None:
+    env = MAKERS[kind](f"lilgym_mp:{TOWER}")
+    env.reset(seed=0)
+    env.close()
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_settings__take_whole_numbers_of_any_type(kind: str) -> None:
+    given = {"horizon": np.int64(8), "grid": np.array([38, 10]), "length": np.int8(40), "observation": "arrays"}
+    env = MAKERS[kind](SCATTER, **given)
+    assert env.unwrapped.horizon == 8
+    assert env.unwrapped.dynamics.appearance.grid == (38, 10)
+    env.close()
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+@pytest.mark.parametrize("value", [8.0, True, np.float64(8), np.bool_(True)])
+def test_settings__refuse_floats_and_booleans(kind: str, value: Any) -> None:
+    for name in ("horizon", "length"):
+        with pytest.raises(ValueError, match=f"{name} must be a positive whole number"):
+            MAKERS[kind](SCATTER, **{name: value, "observation": "arrays"})
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_render__without_a_mode_warns(kind: str) -> None:
+    env = MAKERS[kind](TOWER)
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode"):
+        assert env.render() is None
+    env.close()
+
+
+OTHERS = [(SCATTER, {}), (TOWER, {"rules": "release"}), (TOWER, {"horizon": 5})]
+
+
+@pytest.mark.parametrize(("id", "settings"), OTHERS)
+def test_restore_state__of_other_scenes_rules_or_horizon_is_refused(id: str, settings: dict[str, Any]) -> None:
+    envs, other = MAKERS["batch"](TOWER), MAKERS["batch"](id, **settings)
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match=r"saved in tower, rules='paper', horizon=12; this batch is (tower|scatter)"):
+        other.restore_state(envs.save_state())
+
+
+@pytest.mark.parametrize("name", ["np_random", "sampler", "tasks"])
+def test_attributes_of_batches__that_would_do_nothing_cannot_be_set(name: str) -> None:
+    envs = MAKERS["batch"](TOWER).unwrapped
+    with pytest.raises(AttributeError, match="of a batch"):
+        setattr(envs, name, getattr(envs, name))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_fork__of_an_environment_that_was_never_seeded_draws_other_tasks() -> None:
+    env = gym.make(TOWER)
+    env.reset()
+    drawn: list[bytes] = []
+    for _ in range(2):
+        reading, writing = os.pipe()
+        if not (child := os.fork()):
+            os.write(writing, repr([env.reset()[1]["task"] for _ in range(8)]).encode())
+            os._exit(0)
+        os.waitpid(child, 0)
+        drawn.append(os.read(reading, 10_000))
+        os.close(reading)
+        os.close(writing)
+    assert drawn[0] != drawn[1]
+
+
+@pytest.mark.parametrize("start_method", [None, "forkserver"])
+def test_workers__leave_the_start_method_of_the_process_alone(start_method: str | None) -> None:
+    before = multiprocessing.get_start_method(allow_none=True)
+    multiprocessing.set_start_method(None, force=True)
+    try:
+        WorkerVectorEnv(TOWER, 2, 2, start_method=start_method).close()
+        assert multiprocessing.get_start_method(allow_none=True) is None
+    finally:
+        multiprocessing.set_start_method(before, force=True)
