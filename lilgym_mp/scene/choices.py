@@ -29,13 +29,6 @@ def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
     raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}{question}")
 
 
-def is_close(name: object, choices: Iterable[str]) -> bool:
-    """Whether `name` is one of the choices, or perhaps a misspelling of one."""
-    from difflib import get_close_matches
-
-    return bool(get_close_matches(str(name), choices, 1))
-
-
 def register(what: str, name: str, value: Value, table: MutableMapping[str, Value]) -> None:
     """Adds an entry. Raises ValueError for a name that is taken or is not a string."""
     if not isinstance(name, str) or name in table:  # pyright: ignore[reportUnnecessaryIsInstance]
