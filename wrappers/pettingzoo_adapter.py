@@ -7,6 +7,7 @@ Imported by `factory` only for PettingZoo environments, so that pettingzoo stays
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -35,10 +36,15 @@ def is_game(env: Any) -> bool:
 
 
 def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]) -> Any:
-    """Adds the wrapper called `name` to the game `env`, which it changes and returns. Raises WrongEnvironment."""
-    base: BaseGameEnv = env.unwrapped
-    if any(env.observation_space(agent) != base.observation_space(agent) for agent in AGENTS):
+    """A copy of the game `env` with the wrapper called `name`; `env` stays as it was, and is played on its own.
+
+    Raises WrongEnvironment.
+    """
+    if any(env.observation_space(agent) != env.unwrapped.observation_space(agent) for agent in AGENTS):
         raise WrongEnvironment(f"{name} must be applied before {env}, which changes observations")
+    game = env.unwrapped.engine.game
+    env = deepcopy(env, {id(constant): constant for constant in (game, *game.tasks)})
+    base: BaseGameEnv = env.unwrapped
     layer = GameLayer(base, name, transformation_class, settings)
     change_tasks(env, layer.transformation, [each.transformation for each in base.engine.layers])  # pyright: ignore[reportAttributeAccessIssue]
     base.engine.layers.append(layer)

@@ -32,13 +32,6 @@ def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
     raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}{question}")
 
 
-def is_close(name: object, choices: Iterable[str]) -> bool:
-    """Whether `name` is one of the choices, or perhaps a misspelling of one."""
-    from difflib import get_close_matches
-
-    return bool(get_close_matches(str(name), choices, 1))
-
-
 def checked_count(name: str, value: object, least: int = 1, *, of: str = "") -> int:
     """A whole number as an int, whatever its type; booleans and floats are none.
 

@@ -152,3 +152,18 @@ def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Ca
 def test_wrapper_of_rewards__is_refused(settings: dict[str, Any]):
     with pytest.raises(WrongEnvironment, match="changes the MDP's rewards; the game's own are a setting"):
         wrappers.potential_shaping_v0(env(**settings))
+
+
+@pytest.mark.parametrize("make", [env, parallel_env])
+def test_wrapper__leaves_the_game_that_it_was_given_as_it_was(settings: dict[str, Any], make: Callable[..., Any]):
+    game = make(**settings)
+    space = game.observation_space(PROPOSER)
+    wrapped = wrappers.stop_forcing_v0(wrappers.structured_observation_v0(game))
+    assert wrapped is not game
+    assert game.observation_space(PROPOSER) == space
+    assert wrapped.observation_space(PROPOSER) != space
+    for each in (game, wrapped):
+        each.reset(seed=0, options={"task": "blue"})
+    assert "image" in game.unwrapped.engine.observe(0)["observation"]
+    assert "image" not in wrapped.unwrapped.engine.observe(0)["observation"]
+    assert not game.unwrapped.engine.layers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from typing import Any, NamedTuple, SupportsIndex, cast
 
 import numpy as np
@@ -26,7 +27,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import Int8Array, UInt8Array
-from lilgym_mp.scene.choices import choose, is_close
+from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
@@ -55,7 +56,7 @@ def reset_options(options: object) -> tuple[object, Intent | None]:
     choices, also for a name that is close to one of them.
     """
     if isinstance(options, Mapping):
-        options = {name: value for name, value in options.items() if is_close(name, RESET_OPTIONS)}
+        options = {name: value for name, value in options.items() if get_close_matches(str(name), RESET_OPTIONS)}
     checked = checked_options(options, RESET_OPTIONS)
     intent = checked.get("intent")
     return checked.get("task"), None if intent is None else choose("intent", intent, INTENTS)
