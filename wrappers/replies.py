@@ -31,7 +31,7 @@ _ENDS = {"length": CUT, "max_tokens": CUT, "content_filter": FILTERED, "safety":
 ASK_AGAIN = "That does not name exactly one action. Write the name of one legal action on a line of its own."
 
 MAX_REPLY = 500_000  # characters; a longer reply is not understood
-MAX_ANSWER = 20_000  # the same after the thought
+MAX_ANSWER = 20_000  # the same after the thought, which bounds the time of reading
 MAX_LINE = 200  # a longer line names no action
 UNREADABLE = -1  # instead of an action: a line that has the form of one, but names none
 
@@ -180,6 +180,20 @@ def without_thought(reply: str, thoughts: Sequence[str] = THOUGHTS) -> str | Non
     for tag in _thought_tags(tuple(thoughts)).finditer(reply):
         end = tag.end() if tag["end"] else None
     return None if end is None or len(reply) - end > MAX_ANSWER else reply[end:]
+
+
+def unread_reason(reply: object, thoughts: Sequence[str] = THOUGHTS) -> str:
+    """Why `answer_text` is None."""
+    text = reply_text(reply)
+    if text is None:
+        return "the reply has no text"
+    if len(text) > MAX_REPLY:
+        return f"the reply has {len(text):,} characters; at most {MAX_REPLY:,} are read"
+    tags = list(_thought_tags(tuple(thoughts)).finditer(text))
+    if tags and not tags[-1]["end"]:
+        return "a thought does not end"
+    length = len(text) - (tags[-1].end() if tags else 0)
+    return f"{length:,} characters outside of thoughts; at most {MAX_ANSWER:,} are read: enclose thoughts in <think>"
 
 
 @lru_cache(maxsize=16)

@@ -51,6 +51,7 @@ def test_three_sessions_at_once__each_play_their_own_task(url: str):
     assert [(result.reward, result.done, result.observation.outcome) for result in results] == [
         (1, True, "success")
     ] * 3
+    assert [(result.observation.regret, result.observation.distance_after) for result in results] == [(0, 0)] * 3
     for session in sessions:
         session.close()
 

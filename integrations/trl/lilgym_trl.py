@@ -65,6 +65,7 @@ class PlanEnvironment:
 
     def reset(self, row: str, **columns: Any) -> None:
         self._talk, self._reward = Conversation(Row.from_json(json.loads(row)), scene=self._scene), 0.0
+        self.regrets: list[float | None] = []  # of each turn, for trainers that reward turns
 
     def act(self, action: str) -> Any:
         """
@@ -80,6 +81,7 @@ class PlanEnvironment:
             return "The episode is over."
         turn = self._talk.step(action)
         self._reward += turn.reward
+        self.regrets.append(turn.regret)
         shown = [{"type": "image", "image": image} for image in self._talk.images]
         return [*shown, {"type": "text", "text": turn.text}] if shown else turn.text
 

@@ -89,3 +89,4 @@ def test_stream__has_pictures_and_prompts_for_turns():
     environment.reset(seen["row"])
     assert [part["type"] for part in environment.act("hm")] == ["image", "text"]
     assert environment.act("STOP") == "The episode is over: wrong_stop."
+    assert [regret is None or regret >= 0 for regret in environment.regrets] == [True, True]

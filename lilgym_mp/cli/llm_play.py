@@ -353,7 +353,7 @@ def _print_summary(summary: dict[str, Any]) -> None:
     tokens = ""
     if summary["prompt_tokens"] is not None and summary["completion_tokens"] is not None:
         tokens = f"{summary['prompt_tokens']:,} tokens read, {summary['completion_tokens']:,} written, "
-    interval = f"95 % interval {summary['success_low']:.1%} to {summary['success_high']:.1%}"
+    interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success      {summary['success']:.1%} ({summary['successes']} of {summary['episodes']}; {interval})")
     print(f"progression  {summary['progression']:.3f} ± {summary['progression_deviation']:.3f}")
     print(f"reward       {summary['mean_reward']:+.2f} in {summary['mean_actions']:.1f} actions")

@@ -57,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
         )
     for name in rows.keys() - {each["id"] for each in scores}:
         scores.append({"id": name, "reward": 0.0, "outcome": MISSING, "details": {"reason": "there is no reply"}})
-    summary = summarised(scores)
+    summary = summarised(scores, {name: row.task.statement for name, row in rows.items()})
     count, success = summary["prompts"], summary["success"]
-    interval = f"95 % interval {summary['success_low']:.1%} to {summary['success_high']:.1%}"
+    interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success   {success:.1%} ({success * count:.4g} of {count}; {interval})")
     for name, rate in summary["pass"].items():
         print(f"{name:<9} {rate:.1%}")
@@ -71,9 +71,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Means over prompts, each of which has one score or more; pass@k up to the least number of samples."""
-    from lilgym_mp.contrib.llm import wilson_interval
+def summarised(scores: Sequence[Mapping[str, Any]], statements: Mapping[str, str]) -> dict[str, Any]:
+    """Means over prompts, each of which has one score or more; pass@k up to the least number of samples.
+
+    `statements`: by the prompts' ids; they are resampled for the interval.
+    """
+    from lilgym_mp.contrib.llm import success_interval
 
     by_prompt: defaultdict[str, list[Mapping[str, Any]]] = defaultdict(list)
     for each in scores:
@@ -84,7 +87,11 @@ def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     least = min(total for total, _ in right)
     ks = sorted({k for k in (1, 2, 4, 8, 16, 32, 64, 128, least) if k <= least}) if least > 1 else []
     successes = sum(good / total for total, good in right)
-    low, high = wilson_interval(successes, count)
+    rates = [
+        (statements[name], sum(each["outcome"] == "success" for each in samples) / len(samples))
+        for name, samples in by_prompt.items()
+    ]
+    low, high = success_interval(rates)
     reasons = Counter(each["details"]["reason"] for each in scores if "reason" in each["details"])
     return {
         "prompts": count,

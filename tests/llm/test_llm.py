@@ -22,7 +22,7 @@ from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.cli.llm_play import drawn
-from lilgym_mp.contrib.llm import Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.contrib.llm import Player, make_agent, progression, success_interval, summarise, wilson_interval
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
@@ -111,6 +111,18 @@ def test_wilson_interval__known_values():
     assert wilson_interval(0, 5)[0] == 0
     with pytest.raises(ValueError, match="no success rate from 0 successes in 0 episodes"):
         wilson_interval(0, 0)
+
+
+def test_success_interval__resamples_statements_with_all_of_their_starts():
+    starts = [(str(statement), float(statement < 10)) for statement in range(20) for _ in range(10)]
+    once = [(str(statement), float(statement < 10)) for statement in range(20)]
+    assert success_interval(starts) == success_interval(once)
+    low, high = success_interval(starts)
+    assert low < wilson_interval(100, 200)[0]
+    assert high > wilson_interval(100, 200)[1]
+    assert success_interval([("a", 0.0)] * 50 + [("b", 0.0)]) == wilson_interval(0, 2)
+    with pytest.raises(ValueError, match="no success rate"):
+        success_interval([])
 
 
 def test_summary__counts_answers_tokens_and_outcomes():

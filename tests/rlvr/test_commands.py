@@ -32,7 +32,7 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
     assert main(["llm", "score", str(prompts), "--answers", replies, "--out", str(tmp_path / "scores.json")]) == 0
     assert main(["llm", "score", str(prompts), "--answers", replies, "--out", replies]) == 2
     shown = capsys.readouterr().out
-    assert "success   75.0% (3 of 4; 95 % interval " in shown
+    assert "success   75.0% (3 of 4; 95 % interval over statements " in shown
     assert "outcomes  missing 1, success 3" in shown
     summary = json.loads((tmp_path / "scores.json").read_text())
     assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)

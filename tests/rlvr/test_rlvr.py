@@ -308,6 +308,37 @@ def test_conversation__states_the_task_once_and_the_reward_that_it_gives():
     assert "-0.1" not in prompt
 
 
+def test_turns__have_the_return_that_they_lose_against_the_expert():
+    talk = Conversation(PLAN)
+    turns = [talk.step(reply) for reply in ("hm", "ADD(LEFT, YELLOW)", "ADD(LEFT, BLUE)", "STOP")]
+    assert [turn.regret for turn in turns] == [0, 0.1, 0, 0]
+    assert [(turn.distance_before, turn.distance_after) for turn in turns] == [(2, 2), (2, 2), (2, 1), (1, 0)]
+    assert score("ADD(LEFT, YELLOW)\nADD(LEFT, BLUE)\nSTOP", PLAN).details["regrets"] == [0.1, 0, 0]
+    (turn,) = [Conversation(PLAN).step("STOP")]
+    assert (turn.distance_before, turn.distance_after) == (2, None)
+    assert turn.regret == pytest.approx(0.9 + 1)
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_regrets__are_zero_for_the_experts_plan(appearance: str):
+    for row in some("plan", appearance, 3, seed=5):
+        details = score(expert_reply(row), row).details
+        assert {regret for regret in details["regrets"] if regret is not None} <= {0.0}
+        talk = Conversation(row, retries=0)
+        assert talk.step("hm").outcome == "not_understood"
+
+
+def test_reply__too_long_outside_of_thoughts_has_a_reason_of_its_own():
+    thought = "So which block is where?\n" * 1_000
+    assert score(f"<think>{thought}</think>ADD(LEFT, BLUE)\nSTOP", PLAN).reward == 1
+    assert score(f"{thought[:15_000]}\nADD(LEFT, BLUE)\nSTOP", PLAN).reward == 1
+    reason = score(f"{thought}ADD(LEFT, BLUE)\nSTOP", PLAN).details["reason"]
+    assert reason == "25,020 characters outside of thoughts; at most 20,000 are read: enclose thoughts in <think>"
+    assert score("<think>", PLAN).details["reason"] == "a thought does not end"
+    assert "at most 500,000 are read" in score("a" * 500_001, PLAN).details["reason"]
+    assert score(None, PLAN).details["reason"] == "the reply has no text"
+
+
 def test_conversation__shows_pictures():
     talk = Conversation(PLAN, scene="image")
     assert [image.size for image in talk.images] == [(380, 100)]

@@ -13,7 +13,7 @@ class LilgymEnv(EnvClient[LilgymAction, LilgymObservation, State]):
     """A session of its own on the server: `with LilgymEnv(base_url=url).sync() as env: env.reset(seed=1, level=2)`."""
 
     def _step_payload(self, action: LilgymAction) -> dict[str, Any]:
-        return {"reply": action.reply}
+        return {"reply": action.reply, "finish_reason": action.finish_reason}
 
     def _parse_result(self, payload: dict[str, Any]) -> StepResult[LilgymObservation]:
         signals = {"reward": payload.get("reward"), "done": payload.get("done", False)}

@@ -5,7 +5,7 @@ docs/language_models.md explains how to plug in a model.
 
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, make_agent
 from lilgym_mp.contrib.llm.player import Player, play_all
-from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, summarise, wilson_interval
+from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, success_interval, summarise, wilson_interval
 
 __all__ = [
     "AgentError",
@@ -17,6 +17,7 @@ __all__ = [
     "make_agent",
     "play_all",
     "progression",
+    "success_interval",
     "summarise",
     "wilson_interval",
 ]

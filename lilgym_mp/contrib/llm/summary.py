@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from lilgym_mp.contrib.llm.agents import Message
+from lilgym_mp.contrib.report.aggregation import percentile_interval, resampled_means
 from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import CUT, FILTERED, NOT_UNDERSTOOD, REFUSED
@@ -92,6 +95,23 @@ def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
+def success_interval(rates: Sequence[tuple[str, float]]) -> tuple[float, float]:
+    """The 95 % interval of the mean of success rates, each with its statement.
+
+    Statements, with all of their rates, are resampled, as in `lilgym-mp report`. If all rates are 0, or all 1, there is
+    nothing to resample: Wilson's interval, of one trial for each statement. Raises ValueError without rates.
+    """
+    statements = sorted({statement for statement, _ in rates})
+    count = len(statements)
+    if {rate for _, rate in rates} <= {0.0} or {rate for _, rate in rates} <= {1.0}:
+        return wilson_interval(count if rates and rates[0][1] else 0, count)
+    column = {statement: index for index, statement in enumerate(statements)}
+    totals = np.zeros((2, 1, count))
+    for statement, rate in rates:
+        totals[:, 0, column[statement]] += rate, 1
+    return percentile_interval(resampled_means(totals))
+
+
 def summarise(
     episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
 ) -> dict[str, Any]:
@@ -101,7 +121,9 @@ def summarise(
     read and written. Raises ValueError without episodes.
     """
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
-    low, high = wilson_interval(successes, count)
+    if not count:
+        raise ValueError("cannot summarise zero episodes")
+    low, high = success_interval([(episode.statement, float(episode.is_success)) for episode in episodes])
     progressions = [episode.progression for episode in episodes]
     deviation = statistics.stdev(progressions) if count > 1 else 0.0
     turns = [turn for episode in episodes for turn in episode.turns]
@@ -114,7 +136,8 @@ def summarise(
         "episodes": count,
         "successes": successes,
         "success": successes / count,
-        "success_low": low,  # 95 % confidence interval
+        "statements": len({episode.statement for episode in episodes}),
+        "success_low": low,  # 95 % confidence interval, over statements
         "success_high": high,
         "progression": statistics.fmean(progressions),
         "progression_deviation": deviation / math.sqrt(count),  # standard error of the mean

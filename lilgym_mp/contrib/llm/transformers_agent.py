@@ -106,7 +106,7 @@ class TransformersAgent:
         return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
 
     def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
-        """Up to the first end, without which it is cut; other special tokens are kept, they may be tags of thoughts."""
+        """Up to the first end, without which it is cut; other special tokens may be tags of thoughts, and are kept."""
         length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
         text = self._tokenizer.decode(tokens[:length], skip_special_tokens=False)
         problem = CUT if length == len(tokens) else None

@@ -69,7 +69,7 @@ def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate | N
     if not kept:
         return None
     found = mean_std([mean(map(value, episodes)) for episodes in kept])
-    low, high = _percentile_interval(_resampled_means(add_up(kept, value)))
+    low, high = percentile_interval(resampled_means(add_up(kept, value)))
     return found._replace(low=low, high=high, episodes=min(map(len, kept)))
 
 
@@ -105,13 +105,13 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
         return None
     kept = [add_up([[e for e in episodes if e.statement in shared] for episodes in runs], success) for runs in recorded]
     points = float(np.subtract(*(values.sum() / episodes.sum() for values, episodes in kept)))
-    differences = np.subtract(*(_resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
+    differences = np.subtract(*(resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
     deviation = float(differences.std())
     if deviation > 0:
         p_value = erfc(abs(points) / deviation / sqrt(2))
     else:
         p_value = min(1.0, 2.0 ** (1 - len(shared))) if points else 1.0
-    return Difference(points, *_percentile_interval(differences), p_value)
+    return Difference(points, *percentile_interval(differences), p_value)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -123,7 +123,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected.tolist()
 
 
-def _resampled_means(totals: np.ndarray, run_seed: int = 1) -> np.ndarray:
+def resampled_means(totals: np.ndarray, run_seed: int = 1) -> np.ndarray:
     """(RESAMPLES,) means by a hierarchical bootstrap: of the runs, and of the statements with all of their episodes."""
     _, runs, statements = totals.shape
     by_run = (_resampled(statements, 0) @ each.T for each in totals)
@@ -138,7 +138,8 @@ def _resampled(count: int, seed: int) -> np.ndarray:
     return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
 
 
-def _percentile_interval(values: np.ndarray) -> tuple[float, float]:
+def percentile_interval(values: np.ndarray) -> tuple[float, float]:
+    """The central 95 % of resampled values."""
     tail = 50 * (1 - CONFIDENCE)
     low, high = np.percentile(values, [tail, 100 - tail])
     return float(low), float(high)

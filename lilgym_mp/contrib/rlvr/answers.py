@@ -16,6 +16,7 @@ from lilgym_mp.wrappers.replies import (
     answer_text,
     enclosed_answers,
     marked_answers,
+    unread_reason,
     without_lead_in,
 )
 
@@ -170,5 +171,5 @@ def _program(text: str) -> str:
 def _answer_text(reply: object, thoughts: Sequence[str]) -> str:
     text = answer_text(reply, thoughts)
     if text is None:
-        raise NotUnderstood("no text, a thought that does not end, or too long a reply")
+        raise NotUnderstood(unread_reason(reply, thoughts))
     return text

@@ -14,6 +14,7 @@ from PIL import Image
 
 from lilgym_mp.contrib.rlvr.answers import NotUnderstood, read_plan, read_program, read_truth
 from lilgym_mp.contrib.rlvr.checked_scenes import STEP_LIMIT, checked_truths
+from lilgym_mp.contrib.rlvr.regrets import credit
 from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
@@ -51,17 +52,20 @@ def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish
 
 
 def _check_plan(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """Carries the plan out."""
+    """Carries the plan out; "regrets" has the return that each action loses, None if unknown (`regrets.Credit`)."""
     dynamics = dynamics_of(row.appearance)
     state = dynamics.start(row.task)
     names: list[str] = []
+    regrets: list[float | None] = []
     for index in read_plan(reply, dynamics.appearance, thoughts=thoughts):
         action = dynamics.appearance.decode(index)
         names.append(describe(action))
+        before = state
         state, result, _ = dynamics.step(state, action)
+        regrets.append(credit(row.appearance, before, state, str(result.outcome)).regret)
         if result.ends:
-            return str(result.outcome), {"actions": names}
-    return NO_STOP, {"actions": names}
+            return str(result.outcome), {"actions": names, "regrets": regrets}
+    return NO_STOP, {"actions": names, "regrets": regrets}
 
 
 def _check_truth(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
@@ -98,6 +102,9 @@ class Turn(NamedTuple):
     done: bool
     outcome: str
     action: str | None  # None if the reply was not understood
+    regret: float | None = None  # return of the paper's rules that the turn lost against the expert; None if unknown
+    distance_before: int | None = None  # actions of a shortest solution with STOP; None: unknown or none
+    distance_after: int | None = None  # the same; 0 after success
 
 
 @dataclass
@@ -105,9 +112,10 @@ class Conversation:
     """One episode of a plan row, one action for each reply; the reward is given at the end.
 
     After a reply without an action the model is asked again; the next one in a row ends the episode as not understood,
-    without success: only a STOP that was said counts. `retries`: in a row. `scene`: as for `TextObservation`; `images`
-    has the pictures. `thoughts`: their tags. Raises RowError for a row of another kind, ValueError for an unknown
-    scene.
+    without success: only a STOP that was said counts. Each turn has its regret, for trainers that reward turns: 0 for
+    an action of a shortest solution (`regrets.Credit`). `retries`: in a row. `scene`: as for `TextObservation`;
+    `images` has the pictures. `thoughts`: their tags. Raises RowError for a row of another kind, ValueError for an
+    unknown scene.
     """
 
     row: Row
@@ -137,12 +145,16 @@ class Conversation:
         return [picture(self.state.scene)] if self._is_seen and not self.done else []
 
     def step(self, reply: object, finish_reason: str | None = None) -> Turn:
-        """`reply`: text, content parts or messages; `finish_reason`: as in `score`. Raises ValueError at the end."""
+        """`reply`: a text, content parts or messages. `finish_reason`: as for `score`.
+
+        Raises ValueError after the end.
+        """
         if self.done:
             raise ValueError("the episode is over")
         appearance = self._dynamics.appearance
         shown = partial(is_shown, appearance, lambda: self._dynamics.legal_mask(self.state))
         parsed = parse_reply(reply, appearance, 0, shown, thoughts=self.thoughts)
+        before = self.state
         problem = unusual_end(finish_reason) or (None if parsed.understood else NOT_UNDERSTOOD)
         if problem is None:
             self._failed, action = 0, appearance.decode(parsed.action)
@@ -153,9 +165,11 @@ class Conversation:
             self._failed += 1
             self.done = self._failed > self.retries
             name, outcome = None, problem
+        again = name is None and not self.done
+        judged = credit(self.row.appearance, before, self.state, outcome, asked_again=again)
         if self.done:
-            return Turn(f"The episode is over: {outcome}.", float(outcome == SUCCESS), True, outcome, name)
-        return Turn(ASK_AGAIN if name is None else self._text(), 0.0, False, outcome, name)
+            return Turn(f"The episode is over: {outcome}.", float(outcome == SUCCESS), True, outcome, name, *judged)
+        return Turn(ASK_AGAIN if name is None else self._text(), 0.0, False, outcome, name, *judged)
 
     def _text(self) -> str:
         legal = self._dynamics.legal_mask(self.state)

@@ -48,8 +48,9 @@ class PlanEnvironment(Environment):
         if self._talk is None or self._talk.done:
             return LilgymObservation(text="Reset first.", outcome="over", done=True, reward=0.0)
         self._state.step_count += 1
-        turn = self._talk.step(action.reply)
-        return LilgymObservation(text=turn.text, outcome=turn.outcome, done=turn.done, reward=turn.reward)
+        turn = self._talk.step(action.reply, action.finish_reason)
+        names = ("text", "outcome", "done", "reward", "regret", "distance_before", "distance_after")
+        return LilgymObservation(**{name: getattr(turn, name) for name in names})
 
     @property
     def state(self) -> State:
