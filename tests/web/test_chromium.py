@@ -246,7 +246,7 @@ def test_game__key_1_accepts_and_the_end_reveals_the_task(page: Any):
     page.select_option("#preset", "judge")
     page.click("#setup [type=submit]")
     page.wait_for_selector("#turn:text-matches('your turn')")
-    assert "playing with expert" in page.inner_text("#seat-title")
+    assert "playing with an expert (edits towards its goal)" in page.inner_text("#seat-title")
     assert "Round 1 of" in page.inner_text("#task-line")
     assert page.locator("#answers button").first.inner_text().startswith("accept")
     for _ in range(20):
@@ -366,7 +366,7 @@ def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(w
     page = watched.page
     page.goto("/sentence")
     page.fill("[name=sentence]", "There is a blue block, zyxwv.")
-    page.click("#ask [type=submit]")
+    page.click("#ask .primary")
     page.wait_for_selector("#answer-title:has-text('will be true with a probability of')")
     assert "'zyxwv'" in page.inner_text("#notes")
     readings = page.locator("#readings li").all_inner_texts()
@@ -459,7 +459,7 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
                 page.click("#setup [type=submit]")
                 page.wait_for_selector(".cells button")
             if path == "/sentence":
-                page.click("#ask [type=submit]")
+                page.click("#ask .primary")
                 page.wait_for_selector("#plan .step:has-text(': STOP')")
             if path == "/watch":
                 page.locator("#episodes button").first.click()
@@ -793,3 +793,36 @@ def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(brows
             page.goto("/two/")
             page.wait_for_selector("#episode:not([aria-busy]) .cells button")
             context.close()
+
+
+def test_sentence__an_example_is_read_and_nothing_understood_is_said(page: Any):
+    pytest.importorskip("torch")
+    page.goto("/sentence")
+    assert 6 <= page.locator("[name=example]").count() <= 8
+    page.click("[name=example] >> nth=0")
+    page.wait_for_selector("#answer-title:has-text('There is a blue block.')")
+    assert page.inner_text("#readings-title") == "Readings; ✓ has the target value, true, in the last scene"
+    page.fill("[name=sentence]", "zyxwv qqrrs")
+    page.click("#ask .primary")
+    page.wait_for_selector("#answer-title:has-text('Nothing was understood')")
+
+
+def test_pages__beat_and_sentence_are_in_the_bar_and_a_hint_fills_the_line_of_play(page: Any):
+    page.goto("/play?configuration=TowerScratch")
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    assert page.locator(".top nav a").all_inner_texts()[-2:] == ["Beat", "Sentence"]
+    hint = "() => getComputedStyle(document.getElementById('messages'), '::before').content"
+    assert "Point at the scene" in page.evaluate(hint)
+    page.hover(".cells button[data-column='2']")
+    assert "ADD(RIGHT, YELLOW)" in page.evaluate(hint)
+
+
+def test_game__an_illegal_edit_is_refused_with_its_reason(page: Any):
+    page.goto("/game")
+    page.select_option("[name=configuration]", "TowerScratch")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#turn:text-matches('your turn')")
+    assert "playing with an oracle (knows the truth)" in page.inner_text("#seat-title")
+    page.click("[data-choice=kind] [data-value=REMOVE]")
+    page.click(".cells button[data-column='0']")
+    page.wait_for_selector("#messages:has-text('there is no block to remove')")

@@ -204,7 +204,7 @@ def test_legal__equals_the_agents_mask(browser: Browser):
     [
         ("ADD(LEFT, PINK)", 0, "not legal now; nothing was done"),
         ("ADD(3, 4, CIRCLE, BLACK, LARGE)", 0, "not legal now; nothing was done"),
-        ("REMOVE(LEFT)", 0, "not legal now; nothing was done"),
+        ("REMOVE(LEFT)", 0, "not legal now: there is no block to remove; nothing was done"),
         ("ADD(LEFT, BLUE)", 5, "you have acted since"),
     ],
 )

@@ -31,15 +31,15 @@ ASSETS = Path(__file__).parent / "assets"
 LOGGER = logging.getLogger(__name__)
 STATUSES = {ActionError: 422, ProgramError: 422, CorpusError: 404, UnsupportedAppearance: 404}
 """Exceptions that routes let pass, with the status of the response; the message is theirs."""
-# Path, title, description, and whether it is in the bar of every page or on the start page alone.
+# Path, title and description of the pages in the bar.
 NAVIGATION = [
-    ("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it.", True),
-    ("/watch", "Watch", "Step through episodes: what agents did, and what they predicted.", True),
-    ("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner.", True),
-    ("/annotate", "Annotate", "Write programs that capture what statements mean.", True),
-    ("/explore", "Explore", "Search the corpus: statements, scenes and programs.", True),
-    ("/beat", "Beat the agent", "Play ten tasks against a trained agent.", False),
-    ("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", False),
+    ("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it."),
+    ("/watch", "Watch", "Step through episodes: what agents did, and what they predicted."),
+    ("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner."),
+    ("/annotate", "Annotate", "Write programs that capture what statements mean."),
+    ("/explore", "Explore", "Search the corpus: statements, scenes and programs."),
+    ("/beat", "Beat", "Play ten tasks against a trained agent."),
+    ("/sentence", "Sentence", "Type one, and see how an agent reads and plays it."),
 ]
 
 

@@ -97,7 +97,9 @@ class Board {
     const { kind, shape, size, colour } = this.selection;
     this.hovered = cell;
     this.ghost.className = "";
-    if (!cell || cell === this.cells || cell.disabled) return;
+    const isCell = cell && cell !== this.cells && !cell.disabled;
+    byId("messages").dataset.hint = isCell ? `Click or Enter: ${this.actionAt(cell)}` : "Point at the scene to see what a click does.";
+    if (!isCell) return;
     const [column, row] = [Number(cell.dataset.column), Number(cell.dataset.row)];
     if (kind === "REMOVE") {
       const item = this.removable[this.actionAt(cell)];

@@ -58,7 +58,7 @@ async function show(view) {
   seat = view;
   byId("nothing").hidden = true;
   byId("seat").hidden = false;
-  byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
+  byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^(agent|run):/, "").replaceAll("_", " ")}`;
   byId("other-seat").hidden = !otherKey;
   byId("link").textContent = byId("link").href = `${location.href.split("#")[0]}#${otherKey}`;
   byId("statement").textContent = seat.statement;
@@ -122,9 +122,9 @@ function showAnswers() {
 function showPast() {
   const turns = seat.history.map((turn) => {
     const parts = [];
-    if (turn.proposal) parts.push(`proposed ${turn.proposal}`);
+    if (turn.proposal) parts.push(`proposed ${turn.proposal}${turn.proposer_message ? ` with message ${turn.proposer_message}` : ""}`);
     if (turn.answer) parts.push(`answered “${turn.answer}”`);
-    if (turn.verifier_message) parts.push(`message ${turn.verifier_message}`);
+    if (turn.verifier_message) parts.push(`with message ${turn.verifier_message}`);
     return parts.join(", ");
   });
   const seen = turns.filter(Boolean);

@@ -71,13 +71,11 @@ async function act(action) {
 
 async function showEnd() {
   const ended = episode;
-  const { rule, truth, parts } = ended.end;
+  const { truth, parts } = ended.end;
   const solved = ended.outcome === "success";
   byId("end-title").textContent = solved ? `Solved in ${plural(ended.actions.length, "action")}` : OUTCOMES[ended.outcome];
   byId("end-title").className = solved ? "good" : "bad";
-  byId("rule").textContent = rule;
-  byId("verdict").textContent =
-    `In the last scene the statement is ${truth}; the target was ${ended.target}. Reward: ${ended.reward.toFixed(1)}.`;
+  byId("verdict").textContent = `The statement is ${truth}; the target was ${ended.target}. Reward: ${ended.reward.toFixed(1)}.`;
   byId("parts").replaceChildren(partsList(parts, board.view));
   byId("end-title").focus();
   await page.ended(ended);

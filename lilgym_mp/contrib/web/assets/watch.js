@@ -282,7 +282,9 @@ async function start(id = null) {
 on("request", "submit", (event) => {
   event.preventDefault();
   attempt(async () => {
+    showMessage("The agent is playing twelve tasks; this may take half a minute.");
     const { id } = await request("POST", "/api/watch/recordings", Object.fromEntries(new FormData(event.target)));
+    showMessage("");
     await start(id);
     byId("viewer").focus();
   }, byId("request"));

@@ -8,6 +8,7 @@ server while the game is played. Once it is over, each seat learns its own rewar
 from __future__ import annotations
 
 import secrets
+from contextlib import suppress
 from functools import lru_cache
 from typing import Annotated
 
@@ -29,6 +30,7 @@ from lilgym_mp.contrib.web.bodies import (
 )
 from lilgym_mp.contrib.web.live_games import LiveGame
 from lilgym_mp.contrib.web.responses import refusing, render_page
+from lilgym_mp.contrib.web.routes.play import INVALID_EXPLANATIONS
 from lilgym_mp.contrib.web.runs import RUN_PREFIX, SHIPPED_PREFIX
 from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
@@ -45,7 +47,7 @@ from lilgym_mp.envs.proposer_verifier import (
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation.game_partners import ExpertProposer
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.actions import ActionError, describe, named
 from lilgym_mp.scene.arrays import Int64Array
 
 router = APIRouter()
@@ -113,11 +115,18 @@ def begin(new: NewGame, services: Services) -> JSON:
         engine = GameEngine(_game(services.corpus, new.configuration, new.protocol, new.rewards))
     proposer, verifier = (_partner(services, role, new, engine.game.settings) for role in Role)
     engine.reset(secrets.randbelow(2**31), None)
-    opposite = [PARTNER_TITLES.get(name, name).partition(": ")[0] for name in (new.verifier, new.proposer)]
+    opposite = [_opposite(name) for name in (new.verifier, new.proposer)]
     game = LiveGame(engine, (proposer, verifier), (opposite[0], opposite[1]))
     game.advance()
     keys = services.games.add(game, [role for role in Role if game.partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
+
+
+def _opposite(name: str) -> str:
+    """Such as "an oracle (knows the truth)"."""
+    title, _, does = PARTNER_TITLES.get(name, name).partition(": ")
+    article = "an" if title[0] in "aeio" else "a"
+    return f"{article} {title} ({does})" if does else title
 
 
 def _partner(services: AppServices, role: Role, new: NewGame, settings: GameSettings) -> Partner | None:
@@ -189,11 +198,20 @@ def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
         if not legal:
             raise HTTPException(409, "it is not your turn")
         if taken.action not in legal:
-            raise HTTPException(409, f"{taken.action} is not legal now; nothing was done")
+            raise HTTPException(409, f"{taken.action} is not legal now{_reason(live, taken.action)}; nothing was done")
         live.own_actions[role].append(taken.action)
         live.chosen[role] = legal[taken.action]
         live.advance()
         return _seat_body(live, role)
+
+
+def _reason(live: LiveGame, name: str) -> str:
+    """Why an edit is illegal; empty for what is none."""
+    dynamics, scene = live.engine.game.dynamics, live.engine.state.mdp.scene
+    with suppress(ActionError):
+        invalid = dynamics.appearance.apply(scene, named(name), dynamics.rules.placement).invalid
+        return "" if invalid is None else f": {INVALID_EXPLANATIONS[invalid]}"
+    return ""
 
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:

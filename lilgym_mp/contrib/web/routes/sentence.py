@@ -20,6 +20,15 @@ from lilgym_mp.scene.appearances import APPEARANCES
 router = APIRouter()
 api = APIRouter(prefix="/api/sentence", tags=["sentence"])
 
+EXAMPLES = (
+    "There is a blue block.",
+    "There are exactly two towers.",
+    "The middle tower has a black block on top.",
+    "There is no yellow block in the left box.",
+    "There are two black items and a blue one.",
+    "All towers have a yellow block at the base.",
+    "One box is empty.",
+)
 PLANNING_SECONDS = 20  # a request waits this long for those of others
 _PLANNING = Lock()  # one sentence at a time, so that planning occupies one core
 
@@ -32,7 +41,7 @@ class NewSentence(BaseModel):
 
 @router.get("/sentence", include_in_schema=False)
 def sentence_page(request: Request) -> Response:
-    return render_page(request, "sentence.html", appearances=list(APPEARANCES))
+    return render_page(request, "sentence.html", appearances=list(APPEARANCES), examples=EXAMPLES)
 
 
 @api.post("")
@@ -55,6 +64,7 @@ def read(new: NewSentence, services: Services) -> JSON:
             for program, probability in plan.probabilities().items()
         ],
         "notes": plan.parse.notes(),
+        "understood": plan.parse.known_share > 0,
         "start": scene_body(start),
         "steps": steps_body(services.dynamics(configuration), start, plan.actions),
         "success_probability": plan.success_probability,
