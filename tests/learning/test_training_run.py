@@ -16,7 +16,7 @@ import torch
 
 from lilgym_mp.cli import FAILED, main
 from lilgym_mp.learning.common.run import stop_on_signals
-from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
 
 
 @pytest.fixture
@@ -82,6 +82,30 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
         with suppress(TrainingRunError), run.checkpoint():  # any other error fails the test
             loaded += 1
     assert loaded < 300
+
+
+def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
+    begin_run(tmp_path, {})
+    first, second = begin_run(tmp_path, {}, resume=True), begin_run(tmp_path, {}, resume=True)
+    with first.locked():
+        with pytest.raises(TrainingRunError, match=f"is being trained by process {os.getpid()}"), second.locked():
+            pass
+        assert (tmp_path / LOCK_FILE).read_text() == str(os.getpid())
+    with second.locked():
+        pass
+    assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
+    begin_run(tmp_path, {})
+    child = os.fork()
+    if child == 0:
+        with begin_run(tmp_path, {}, resume=True).locked():
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert (tmp_path / LOCK_FILE).exists()
+    with begin_run(tmp_path, {}, resume=True).locked():
+        pass
 
 
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
-from functools import cache, partial
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from lilgym_mp.evaluation import CONFIGURATIONS, options
 from lilgym_mp.evaluation.options import CommandError, given_options
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
-from lilgym_mp.learning.common.run_directory import RUN_FILE, TrainingRunError, begin_run, check_same
+from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
 from lilgym_mp.scene.choices import choose
 
 
@@ -43,9 +45,13 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
     unit, total = learner.budget(recipe, own)
-    board: Any = None
+    board: Callable[[], Any] | None = None
     if args.tensorboard:
-        board = cache(partial(_summary_writer(), directory / "tensorboard"))  # made when it is used
+        writer = _summary_writer()
+
+        @cache  # made when it is used
+        def board() -> Any:
+            return writer(directory / "tensorboard", purge_step=_next_step(directory, unit) if args.resume else None)
 
     def report(line: Any) -> None:
         bar.reach(getattr(line, unit), line.note)
@@ -83,6 +89,12 @@ def _summary_writer() -> Any:
         return import_module("torch.utils.tensorboard").SummaryWriter
     except ModuleNotFoundError as error:
         raise CommandError(f"--tensorboard needs {error.name}: pip install {error.name}") from None
+
+
+def _next_step(directory: Path, unit: str) -> int:
+    """The first step that a resumed run has not reported; progress.jsonl also has the line that is being reported."""
+    kept = (directory / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[:-1]
+    return json.loads(kept[-1])[unit] + 1 if kept else 0
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
