@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED, main
+from lilgym_mp.learning.common.commands import _board  # pyright: ignore[reportPrivateUsage]
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
 
@@ -129,3 +130,11 @@ def test_stop__restores_the_previous_handlers():
     with stop_on_signals():
         assert signal.getsignal(signal.SIGTERM) is not before[1]
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path: Path):
+    (tmp_path / "progress.jsonl").write_text('{"steps": 32}\n{"steps": 64}\n')  # the second is being reported
+    opened: list[int | None] = []
+    for unit in ("steps", None):
+        _board(lambda path, purge_step: opened.append(purge_step), tmp_path, unit)
+    assert opened == [33, None]

@@ -6,7 +6,7 @@ import argparse
 import json
 import shlex
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -47,11 +47,7 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     unit, total = learner.budget(recipe, own)
     board: Callable[[], Any] | None = None
     if args.tensorboard:
-        writer = _summary_writer()
-
-        @cache  # made when it is used
-        def board() -> Any:
-            return writer(directory / "tensorboard", purge_step=_next_step(directory, unit) if args.resume else None)
+        board = cache(partial(_board, _summary_writer(), directory, unit if args.resume else None))  # made when used
 
     def report(line: Any) -> None:
         bar.reach(getattr(line, unit), line.note)
@@ -89,6 +85,12 @@ def _summary_writer() -> Any:
         return import_module("torch.utils.tensorboard").SummaryWriter
     except ModuleNotFoundError as error:
         raise CommandError(f"--tensorboard needs {error.name}: pip install {error.name}") from None
+
+
+def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
+    """TensorBoard's writer; of a resumed run, it discards what was written after the checkpoint."""
+    step = None if resumed_unit is None else _next_step(directory, resumed_unit)
+    return writer(directory / "tensorboard", purge_step=step)
 
 
 def _next_step(directory: Path, unit: str) -> int:
