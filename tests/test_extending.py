@@ -89,6 +89,12 @@ def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch
     assert loaded == ["good"]
 
 
+def test_extension__that_exits_is_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choices, "_PENDING", iter([SimpleNamespace(name="rude", load=lambda: sys.exit(3))]))
+    with pytest.warns(UserWarning, match="the extension 'rude' cannot be imported: SystemExit"):
+        choices.load_extensions()
+
+
 def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
     taken: list[tuple[Callable[..., object], tuple[Any, ...], str]] = [
         (register_appearance, ("tower", "module:function"), "appearance 'tower' is already registered"),

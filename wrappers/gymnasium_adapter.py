@@ -146,7 +146,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
     def vocabulary(self) -> Vocabulary:
         """The vocabulary of token ids. Raises AttributeError if statements are texts."""
         arrays = getattr(self.transformation, "arrays", None)
-        return self.env.vocabulary if arrays is None else arrays.vocabulary
+        return self.env.vocabulary if arrays is None else arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
 
     def __del__(self) -> None:
         """Does not close the wrapped environment, unlike Gymnasium's wrappers before 1.3."""

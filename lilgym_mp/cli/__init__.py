@@ -8,6 +8,7 @@ that `lilgym-mp --help` is fast and works without torch.
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import signal
 import sys
@@ -16,6 +17,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any, NoReturn
 
 from lilgym_mp import __version__
@@ -45,9 +47,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not _open_missing_streams():
         return _print_error(f"{PROGRAM}: standard output is closed; send it to a file or to {os.devnull}", FAILED)
     if argv is None:  # this process is the command
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        if current_thread() is main_thread():
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
         for stream in (sys.stdout, sys.stderr):
-            stream.reconfigure(errors="backslashreplace")  # pyright: ignore[reportAttributeAccessIssue]
+            if isinstance(stream, io.TextIOWrapper):  # not in notebooks
+                stream.reconfigure(errors="backslashreplace")
     name = PROGRAM
     try:
         args = parse_args(sys.argv[1:] if argv is None else argv)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
-from lilgym_mp.learning.common.run_directory import RUN_FILE, TrainingRunError, begin_run, check_same
+from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
 from lilgym_mp.scene.choices import choose
 
 
@@ -43,9 +45,9 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
     unit, total = learner.budget(recipe, own)
-    board: Any = None
+    board: Callable[[], Any] | None = None
     if args.tensorboard:
-        board = cache(partial(_summary_writer(), directory / "tensorboard"))  # made when it is used
+        board = cache(partial(_board, _summary_writer(), directory, unit if args.resume else None))  # made when used
 
     def report(line: Any) -> None:
         bar.reach(getattr(line, unit), line.note)
@@ -83,6 +85,18 @@ def _summary_writer() -> Any:
     except ModuleNotFoundError as error:
         raise CommandError(f"--tensorboard needs {error.name}: pip install {error.name}") from None
     return SummaryWriter
+
+
+def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
+    """TensorBoard's writer; of a resumed run, it discards what was written after the checkpoint."""
+    step = None if resumed_unit is None else _next_step(directory, resumed_unit)
+    return writer(directory / "tensorboard", purge_step=step)
+
+
+def _next_step(directory: Path, unit: str) -> int:
+    """The first step that a resumed run has not reported; progress.jsonl also has the line that is being reported."""
+    kept = (directory / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[:-1]
+    return json.loads(kept[-1])[unit] + 1 if kept else 0
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:

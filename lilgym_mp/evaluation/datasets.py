@@ -288,6 +288,13 @@ def check_minari(dataset_id: str) -> Path:
     """The directory that a data set of this name will have. Raises DatasetError if it cannot be written."""
     if find_spec("minari") is None:
         raise DatasetError(f"a Minari data set needs Minari: {install('minari')}")
+    try:
+        import_module("minari.dataset.minari_dataset").parse_dataset_id(dataset_id)
+    except (ValueError, TypeError):  # TypeError: it has no version
+        raise DatasetError(
+            f"{dataset_id!r} cannot name a Minari data set; its name is letters, digits, / and -, and a version, as in"
+            " lilgym/tower-expert-v0"
+        ) from None
     path: Path = import_module("minari.storage").get_dataset_path(dataset_id)
     if path.exists():
         raise DatasetError(f"the Minari data set {dataset_id!r} exists already; choose another name, or delete it")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
@@ -14,6 +15,7 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 SUFFIX = ".episodes.jsonl.gz"  # of files of recorded episodes
 MAX_NUMBER = 1e15
+LONGEST_SUFFIX = 32
 
 
 class EpisodesError(ValueError):
@@ -26,6 +28,7 @@ class OutputError(ValueError):
 
 def writable_directory(path: Path) -> Path:
     """Creates the directory if needed and checks that files can be written to it. Raises OutputError if not."""
+    _check_name(path)
     probe = path / f".write-test-{os.getpid()}"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -34,6 +37,14 @@ def writable_directory(path: Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write results to {path}: {error.strerror or error}") from None
     return path
+
+
+def _check_name(path: Path) -> None:
+    """Raises OutputError for a name that cannot be written in files and messages."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise OutputError(f"cannot write results to {str(path)!r}: the name is not UTF-8") from None
 
 
 def first_free_path(path: Path) -> Path:
@@ -49,18 +60,26 @@ def fresh_file(path: Path, *, force: bool) -> Path:
     """
     if path.is_file() and not force:
         raise OutputError(f"{path} exists; --force overwrites it")
-    if path.is_symlink() or (path.exists() and not path.is_file()):  # a device, a pipe, a directory: not to be replaced
+    if path.exists() and not path.is_file():  # a device, a pipe, a directory: not to be replaced
         raise OutputError(f"cannot write results to {path}: it is not a regular file; name a file")
+    path = path.resolve()  # a link stays one
     writable_directory(path.parent)
+    _check_name(path)
     return path
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` create a temporary file in the same directory, with the same suffix, then renames it to `path`."""
-    temporary = path.with_name(f".{os.getpid()}.tmp.{path.name}")
+    """Has `write` create a temporary file in the same directory, with the same suffix, then renames it to `path`.
+
+    A link is followed, and an existing file's mode kept.
+    """
+    target = path.resolve()
+    temporary = target.with_name(f".{os.getpid()}.tmp.{target.name[-LONGEST_SUFFIX:]}")  # no longer than names may be
     try:
         write(temporary)
-        temporary.replace(path)
+        if target.exists():
+            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+        temporary.replace(target)
     except OSError as error:  # writing to an open file raises errors that do not name it
         error.filename = str(path)
         raise

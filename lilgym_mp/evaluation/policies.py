@@ -15,7 +15,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, one_hot
 from lilgym_mp.scene.choices import choose
 
 FloatArray = NDArray[np.floating[Any]]
@@ -132,14 +132,7 @@ class ExpertPolicy(Policy):
         return np.array(chosen, np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))
-
-
-def one_hot(chosen: Int64Array, action_count: int) -> FloatArray:
-    """(B, actions) probabilities of a deterministic policy that chose these B actions."""
-    probabilities = np.zeros((len(chosen), action_count))
-    probabilities[np.arange(len(chosen)), chosen] = 1
-    return probabilities
+        return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count).astype(np.float64))
 
 
 NO_SUPERVISION = "none"

@@ -16,3 +16,8 @@ Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
 BOOLEANS = (bool, np.bool_)  # rejected as integers, although both (np.bool_ before NumPy 2.3) can be used as an index
+
+
+def one_hot(values: NDArray[np.int64], count: int) -> UInt8Array:
+    """(..., count) ones at the values, which have any shape, and zeros elsewhere."""
+    return (values[..., None] == np.arange(count)).astype(np.uint8)

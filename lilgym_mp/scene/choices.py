@@ -63,7 +63,7 @@ def load_extensions() -> None:
     for entry_point in _PENDING:
         try:
             entry_point.load()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             warnings.warn(f"the extension {entry_point.name!r} cannot be imported: {error!r}", stacklevel=2)
 
 

@@ -75,6 +75,13 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert plan[4].train == ()
 
 
+def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path: Path):
+    text = 'configurations = ["TowerScratch"]\n[[learners]]\nlearner = "ppo"\nsteps = 1e5\nlearning_rate = 1e-3\n'
+    [planned] = read_plan(write_file(tmp_path / "a.toml", text))
+    assert planned.budget == ("steps", 100_000)
+    assert "--learning-rate 0.001" in " ".join(planned.train)
+
+
 @pytest.mark.parametrize(
     ("learner", "played"),
     [

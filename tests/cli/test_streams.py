@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import time
 from argparse import Namespace
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -22,6 +24,18 @@ RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exi
 
 def shell(line: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, shell=True, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_main__runs_on_a_stream_without_reconfigure(monkeypatch: pytest.MonkeyPatch):
+    written = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", written)
+    monkeypatch.setattr(sys, "argv", ["lilgym-mp", "explain", "--program", "exist(all_items)"])
+    codes: list[int] = []
+    thread = Thread(target=lambda: codes.append(main()))  # signals are for the main thread alone
+    thread.start()
+    thread.join()
+    assert codes == [0]
+    assert "all_items" in written.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -140,14 +140,14 @@ def test_spec__from_json_makes_the_same_environment():
     arrays = gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60)
     wrapped = TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60)
     for env in (arrays, wrapped):
-        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+        again = gym.make(EnvSpec.from_json(env.spec.to_json()))  # pyright: ignore[reportOptionalMemberAccess]
         assert again.observation_space == env.observation_space
         assert again.get_wrapper_attr("vocabulary") == WORDS
 
 
 def test_spec__of_workers_keeps_the_render_mode():
     envs = WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 2, 1, render_mode="rgb_array")
-    assert gym.make_vec(envs.spec).render_mode == "rgb_array"
+    assert gym.make_vec(envs.spec).render_mode == "rgb_array"  # pyright: ignore[reportArgumentType]
 
 
 def test_vocabulary__of_batches_can_be_read():

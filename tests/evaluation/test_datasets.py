@@ -255,6 +255,11 @@ def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, c
     assert "exists already" in capsys.readouterr().err
 
 
+def test_minari__a_name_without_version_is_refused_before_any_episode(minari: Any, capsys: Captured):
+    assert main(["data", "collect", "TowerFlipIt", "--minari", "tower-expert"]) == 2
+    assert "'tower-expert' cannot name a Minari data set" in capsys.readouterr().err
+
+
 def test_minari__leaves_no_files_if_writing_fails(minari: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def fail(rollout: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -34,3 +36,27 @@ def test_fresh_file__rejects_what_is_not_a_file(tmp_path: Path):
     for path in (tmp_path, tmp_path / "link", Path("/dev/null")):
         with pytest.raises(OutputError, match="it is not a regular file; name a file"):
             fresh_file(path, force=True)
+
+
+def test_fresh_file__rejects_names_that_are_not_utf8(tmp_path: Path):
+    for check in (partial(fresh_file, force=True), writable_directory):
+        with pytest.raises(OutputError, match="the name is not UTF-8"):
+            check(tmp_path / os.fsdecode(b"\xff.json"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_write__follows_a_link_and_keeps_the_mode(tmp_path: Path):
+    target, link = tmp_path / "elsewhere" / "target.json", tmp_path / "link"
+    link.symlink_to(target)
+    assert fresh_file(link, force=False) == target
+    write_atomically(link, lambda temporary: temporary.write_text("first"))
+    target.chmod(0o640)
+    write_atomically(link, lambda temporary: temporary.write_text("second"))
+    assert link.is_symlink()
+    assert (target.read_text(), target.stat().st_mode & 0o777) == ("second", 0o640)
+
+
+def test_write__names_may_be_as_long_as_the_file_system_allows(tmp_path: Path):
+    path = tmp_path / f"{'x' * 250}.json"
+    write_atomically(fresh_file(path, force=False), lambda temporary: temporary.write_text("all"))
+    assert path.read_text() == "all"

@@ -164,6 +164,10 @@ def test_open_agent__rejects_other_kinds_and_versions(model: Path, changes: dict
         open_agent(model.parent)
 
 
+def test_open_agent__takes_text_as_a_path():
+    assert open_agent("parse-and-plan").description.kind == "parse-and-plan"
+
+
 def test_open_agent__rejects_directories_without_agent(tmp_path: Path):
     with pytest.raises(AgentError, match=f"it has no {AGENT_FILE}"):
         open_agent(tmp_path)

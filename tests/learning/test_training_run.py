@@ -15,8 +15,9 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED, main
+from lilgym_mp.learning.common.commands import _board  # pyright: ignore[reportPrivateUsage]
 from lilgym_mp.learning.common.run import stop_on_signals
-from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
 
 
 @pytest.fixture
@@ -84,6 +85,30 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
     assert loaded < 300
 
 
+def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
+    begin_run(tmp_path, {})
+    first, second = begin_run(tmp_path, {}, resume=True), begin_run(tmp_path, {}, resume=True)
+    with first.locked():
+        with pytest.raises(TrainingRunError, match=f"is being trained by process {os.getpid()}"), second.locked():
+            pass
+        assert (tmp_path / LOCK_FILE).read_text() == str(os.getpid())
+    with second.locked():
+        pass
+    assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
+    begin_run(tmp_path, {})
+    child = os.fork()
+    if child == 0:
+        with begin_run(tmp_path, {}, resume=True).locked():
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert (tmp_path / LOCK_FILE).exists()
+    with begin_run(tmp_path, {}, resume=True).locked():
+        pass
+
+
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
 def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: signal.Signals):
     with stop_on_signals() as stop:
@@ -105,3 +130,11 @@ def test_stop__restores_the_previous_handlers():
     with stop_on_signals():
         assert signal.getsignal(signal.SIGTERM) is not before[1]
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path: Path):
+    (tmp_path / "progress.jsonl").write_text('{"steps": 32}\n{"steps": 64}\n')  # the second is being reported
+    opened: list[int | None] = []
+    for unit in ("steps", None):
+        _board(lambda path, purge_step: opened.append(purge_step), tmp_path, unit)
+    assert opened == [33, None]

@@ -125,12 +125,12 @@ def agent_file(path: Path) -> Path:
     return path / AGENT_FILE
 
 
-def open_agent(path: Path, device: str = "auto") -> Agent:
+def open_agent(path: Path | str, device: str = "auto") -> Agent:
     """The agent of a run directory or model file, or else one shipped with the package, by its name.
 
     Raises ValueError naming the file and what is wrong.
     """
-    path = agent_file(path)
+    path = agent_file(Path(path))
     kind = load_model(path)[0].kind
     if kind not in LEARNERS:
         raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LEARNERS))}")

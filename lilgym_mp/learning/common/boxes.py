@@ -84,10 +84,6 @@ def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
     return items
 
 
-def one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
-    return (values[..., None] == np.arange(count)).astype(np.uint8)
-
-
 @cache
 def box_distances() -> Int64Array:
     """(121, 121) edits from one box to another."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Observations, Policy
-from lilgym_mp.evaluation.policies import PolicyOutput, one_hot
+from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.perception import read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, one_hot
 from lilgym_mp.scene.render import draw
 
 
@@ -77,7 +77,7 @@ class PlanPolicy(Policy):
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         """Probability 1 for the chosen action; program and success probabilities as of planning time."""
         return PolicyOutput(
-            one_hot(chosen, self.planner.dynamics.appearance.action_count),
+            one_hot(chosen, self.planner.dynamics.appearance.action_count).astype(np.float64),
             success_probabilities=[plan.success_probability for plan in self._latest],
             programs=[plan.probabilities() for plan in self._latest],
             notes=[tuple(plan.notes()) for plan in self._latest],

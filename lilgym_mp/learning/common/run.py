@@ -91,6 +91,7 @@ class TrainingRun(ABC):
         self._on_progress = session.get("on_progress", lambda line: None)
         self._start_seconds = cpu_seconds()
         self.stop = StopRequest()
+        self._progress_bytes: int | None = 0  # of the checkpoint that the run continues from; None: unknown
 
     def state(self) -> dict[str, Any]:
         """The contents of a checkpoint besides the counters."""
@@ -123,8 +124,20 @@ class TrainingRun(ABC):
         return ""
 
     def train(self) -> Any:
-        """Trains, saves the agent and returns it. Raises KeyboardInterrupt if it was interrupted."""
+        """Trains, saves the agent and returns it.
+
+        Raises KeyboardInterrupt if it was interrupted, TrainingRunError if another process trains this run.
+        """
+        with self.files.locked():
+            return self._train()
+
+    def _train(self) -> Any:
         self._check_unspent()
+        if self.files.finished:
+            if self.files.identity.get("recipe", {}).get("schedule", "") != "constant":
+                self.say(f"{self.files.path} had finished; over the larger budget its learning rate rises again")
+        elif self._progress_bytes is not None:
+            self.files.cut_progress(self._progress_bytes)
         self.files.remember(**self._options)
         if introduction := self.introduction():
             self.say(introduction)
@@ -202,7 +215,8 @@ class TrainingRun(ABC):
 
     def save(self) -> None:
         counters = {**asdict(self.counters), "cpu_seconds": self.seconds()}
-        self.files.save_checkpoint({**self.state(), "counters": counters})
+        progress = self.files.progress_bytes
+        self.files.save_checkpoint({**self.state(), "counters": counters, "progress_bytes": progress})
 
     def load(self) -> bool:
         """Continues from the checkpoint if the run is resumed and has one. Raises TrainingRunError."""
@@ -213,6 +227,7 @@ class TrainingRun(ABC):
         with self.files.checkpoint(self.device) as state:
             for field in fields(self.counters):
                 setattr(self.counters, field.name, state["counters"][field.name])
+            self._progress_bytes = state.get("progress_bytes")
             self.restore(state)
             for name, tensor in (state.get("network") or state["networks"]).items():
                 if not torch.isfinite(tensor).all():

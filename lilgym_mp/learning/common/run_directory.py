@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
@@ -22,6 +23,11 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
 from lilgym_mp.evaluation.recording_metadata import metadata
 
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows, where runs are not locked
+    fcntl = None
+
 if TYPE_CHECKING:
     import torch
 
@@ -31,6 +37,7 @@ RUN_FILE = "run.json"
 CHECKPOINT_FILE = "checkpoint.pt"
 PROGRESS_FILE = "progress.jsonl"
 AGENT_FILE = "agent.safetensors"
+LOCK_FILE = ".lock"  # while a process trains
 EVALUATIONS_FILE = "evaluations.jsonl"  # of PPO: on dev, with --evaluate-every
 VALIDATIONS_FILE = "validations.jsonl"  # of PPO: on held-out tasks
 
@@ -56,6 +63,40 @@ class RunDirectory:
     @property
     def has_checkpoint(self) -> bool:
         return (self.path / CHECKPOINT_FILE).exists()
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Within the block no other process can train this run. Raises TrainingRunError naming the one that does."""
+        if fcntl is None:
+            yield
+            return
+        path = self.path / LOCK_FILE
+        with path.open("a+", encoding="utf-8") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the file is closed, or the process killed
+            except BlockingIOError:
+                file.seek(0)
+                raise TrainingRunError(
+                    f"the run in {self.path} is being trained by process {file.read()}; wait for it, or stop it"
+                ) from None
+            file.truncate(0)
+            file.write(str(os.getpid()))
+            file.flush()
+            try:
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+
+    @property
+    def progress_bytes(self) -> int:
+        """The size of progress.jsonl."""
+        file = self.path / PROGRESS_FILE
+        return file.stat().st_size if file.exists() else 0
+
+    def cut_progress(self, size: int) -> None:
+        """Cuts progress.jsonl back to a former size, without the lines after a checkpoint of a killed process."""
+        if self.progress_bytes > size:
+            os.truncate(self.path / PROGRESS_FILE, size)
 
     def remember(self, *, finished: bool = False, **options: Any) -> None:
         """Keeps these options for a run resumed without them; those that are None keep their former value."""

@@ -19,12 +19,12 @@ from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
 from lilgym_mp.learning.common.attention import MIN_PADDED_WORDS
-from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable, one_hot
+from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable
 from lilgym_mp.learning.common.words import StatementTokenizer, exchange_table, pad_rows
 from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances.tower import CAPACITY
-from lilgym_mp.scene.arrays import Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
 
 COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
 CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160

@@ -114,6 +114,23 @@ def test_train__reports_and_records_each_rollout(tmp_path: Path):
         trained(tmp_path / "run", 96, resume=True)
 
 
+def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(tmp_path: Path):
+    trained(tmp_path, 32)
+    identity, progress = json.loads((tmp_path / "run.json").read_text()), tmp_path / "progress.jsonl"
+    (tmp_path / "run.json").write_text(json.dumps({**identity, "finished": False}))
+    with progress.open("a") as file:
+        file.write('{"steps": 64, "note": "after the checkpoint"}\n{"steps": 9')
+    trained(tmp_path, 64, resume=True)
+    assert [line["steps"] for line in lines(progress)] == [32, 64]
+
+
+def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(tmp_path: Path):
+    trained(tmp_path, 32)
+    said: list[str] = []
+    trained(tmp_path, 64, resume=True, say=said.append)
+    assert said[0] == f"{tmp_path} had finished; over the larger budget its learning rate rises again"
+
+
 @pytest.mark.parametrize(
     "changes",
     [
