@@ -21,6 +21,7 @@ if not Path(__file__).with_name("wrappers").is_dir():
 
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
+from lilgym_mp.scene.choices import load_extensions
 
 register_all()
 
@@ -58,3 +59,7 @@ def load_agent(name: str, device: str = "auto") -> Agent:
     from lilgym_mp.learning.common import agents
 
     return agents.load_agent(name, device)
+
+
+# Gymnasium refuses unknown ids without asking this package, so what other packages register must be there by now.
+load_extensions()

@@ -45,7 +45,7 @@ class Solver:
         appearance = dynamics.appearance
         if type(appearance) not in SEARCHES:
             choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
-            raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
+            raise UnsupportedAppearance(f"appearance {appearance.name!r} has no expert; those that have one: {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
