@@ -18,6 +18,7 @@ if not Path(__file__).with_name("wrappers").is_dir():
 
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
+from lilgym_mp.scene.choices import load_extensions
 from lilgym_mp.submodules import submodule_getter
 
 __all__ = ["action_masks", "load_agent"]
@@ -61,3 +62,7 @@ def load_agent(name: str, device: str = "auto") -> Agent:
     from lilgym_mp.learning.common import agents
 
     return agents.load_agent(name, device)
+
+
+# Gymnasium refuses unknown ids without asking this package, so what other packages register must be there by now.
+load_extensions()

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
+from importlib.util import find_spec
 from pathlib import Path
 from textwrap import dedent
 from types import SimpleNamespace
@@ -39,7 +40,6 @@ from lilgym_mp.scene import Scene
 
 if __name__ == "__main__":
     import sys
-    assert "lamp_world" not in sys.modules
     assert not compile_program("exist(filter_obj(all_items, is_high))")(Scene.empty())
     corpus = sys.argv[1]
     envs = WorkerVectorEnv("lilgym_mp/LampsScratch-v0", 4, 2, start_method="spawn", corpus=corpus)
@@ -75,9 +75,26 @@ def test_recipes__work_from_an_installed_package_that_nobody_imports(tmp_path: P
         [sys.executable, script, corpus], capture_output=True, text=True, env=environment, check=False
     )
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
-    command = [sys.executable, "-m", "lilgym_mp", "evaluate", "--protocol", "poker"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    assert "claims" in done.stderr
+
+    def error_of(*arguments: object) -> str:
+        command = [sys.executable, *map(str, arguments)]
+        return subprocess.run(
+            command, capture_output=True, text=True, env=environment, check=False, input="hint"
+        ).stderr
+
+    make = f"import gymnasium, lilgym_mp; gymnasium.make('lilgym_mp/LampsScratch-v0', corpus={str(corpus)!r})"
+    assert error_of("-c", make) == ""
+    command = ("-m", "lilgym_mp")
+    assert "claims" in error_of(*command, "evaluate", "--protocol", "poker")
+    no_sampler = "appearance 'lamps' has no sampler of scenes; those that have one: scatter, tower"
+    assert no_sampler in error_of(*command, "data", "synthesize", corpus, "--out", tmp_path / "starts.jsonl")
+    word = "exist(filter_obj(all_items, is_high))"
+    assert no_sampler in error_of(*command, "explain", "--program", word, "--configuration", "LampsScratch")
+    played = ("play", "LampsScratch", "--corpus", corpus, "--split", "train")
+    assert error_of(*command, *played) == ""  # the hint that there is none does not end the session
+    if find_spec("torch") is not None:
+        game = ("train", "game", "LampsScratch", "--protocol", "claims", "--corpus", tmp_path / "none.jsonl")
+        assert "none.jsonl" in error_of(*command, *game, "--out", tmp_path / "game")
 
 
 def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch: pytest.MonkeyPatch) -> None:

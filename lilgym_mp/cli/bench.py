@@ -28,7 +28,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.cli.options import CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.machine import usable_cores
-from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
@@ -215,7 +215,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    names = args.configuration or (QUICK if args.quick else CONFIGURATIONS)
+    names = args.configuration or (QUICK if args.quick else BUILTIN_CONFIGURATIONS)
     if min(args.num_envs) < 1:
         raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")
     rounds, seconds, actions = (3, 0.01, 550) if args.quick else (9, 0.1, 4_400)

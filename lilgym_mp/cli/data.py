@@ -12,6 +12,7 @@ from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
 from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.corpus import check_corpus, load_all_tasks
+from lilgym_mp.corpus.generator.pairs import TEMPLATES
 from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_path, is_split
 from lilgym_mp.corpus.matching import with_permuted_boxes
 from lilgym_mp.corpus.official import OfficialFile, download_official, import_official, official_names
@@ -82,7 +83,7 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
         written = files.get(parser, "corpus file to write (.jsonl[.gz])")
         parser.add_argument("--out", "--output", type=Path, required=True, metavar="FILE", help=written)
         parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
-        _add_several(parser, "appearances", APPEARANCES)
+        _add_several(parser, "appearances", TEMPLATES if parser is generate else APPEARANCES)
         if parser is not split:
             _add_several(parser, "splits", SPLITS)
 

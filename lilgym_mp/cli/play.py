@@ -150,10 +150,15 @@ class Session:
 
     def _hint(self) -> None:
         from lilgym_mp.solver import Expert
+        from lilgym_mp.solver.solver import UnsupportedAppearance
 
         if self._episode_over:
             raise ActionError("this episode is over; type next or back")
-        solution = Expert(self._env).plan()
+        try:
+            expert = Expert(self._env)
+        except UnsupportedAppearance as error:
+            raise ActionError(str(error)) from None
+        solution = expert.plan()
         if solution.solved:
             print(f"try: {describe(solution.actions[0])}   (actions to go: {solution.steps})")
         else:

@@ -23,7 +23,7 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "limit")
     if args.out is not None:
         fresh_file(args.out, force=args.force)
-    chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or CONFIGURATIONS]
+    chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or BUILTIN_CONFIGURATIONS]
     if args.task is not None:
         return _run_tasks(chosen, args)
     if args.show:

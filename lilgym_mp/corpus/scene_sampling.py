@@ -11,6 +11,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.placement import is_free
+from lilgym_mp.scene.choices import listed
 
 # Values to draw uniformly from; repeated ones are more likely
 ATTRIBUTE_VALUE_COUNTS = (1, 2, 3, 3)  # distinct colours, shapes or sizes in a scene
@@ -144,7 +145,16 @@ def _random_position(rng: random.Random, side: int, others: tuple[Item, ...], pl
             return x, y
 
 
-SAMPLERS: Mapping[str, Sampler] = {
+_SAMPLERS: Mapping[str, Sampler] = {
     "tower": Sampler(_random_tower, _changed_tower),
     "scatter": Sampler(_random_scatter, _changed_scatter),
 }
+
+
+def sampler_of(appearance: str) -> Sampler:
+    """The sampler of an appearance's scenes. Raises ValueError naming the appearances that have one."""
+    if appearance not in _SAMPLERS:
+        raise ValueError(
+            f"appearance {appearance!r} has no sampler of scenes; those that have one: {listed(_SAMPLERS)}"
+        )
+    return _SAMPLERS[appearance]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, scattered
+from lilgym_mp.corpus.scene_sampling import ItemPlacing, ItemTypes, sampler_of, scattered
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Item, Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
@@ -93,7 +93,7 @@ def _gap(one: Item, other: Item) -> int:
 def _random_scene(appearance: str, rng: random.Random) -> Scene:
     """A random scene, not only one that actions on the grid can reach."""
     if appearance != "scatter":
-        return SAMPLERS[appearance].scene(rng)
+        return sampler_of(appearance).scene(rng)
     return scattered(rng, _random_palette(rng), rng.choice((1, 2, 3, 4, 6)), LEGIBLY)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.writing import LabelledScene, entry_json
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
@@ -70,7 +70,7 @@ def near_misses(
 
 def _walk(appearance: str, rng: random.Random) -> Iterator[Scene]:
     """A random scene, changed by one item at a time."""
-    sampler = SAMPLERS[appearance]
+    sampler = sampler_of(appearance)
     yield (scene := sampler.scene(rng))
     for _ in range(WALK_LENGTH):
         yield (scene := sampler.changed(rng, scene))

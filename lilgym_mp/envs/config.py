@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import KW_ONLY, Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -35,7 +35,7 @@ def setting(
     lowest: float = 0,
     highest: float = math.inf,
     *,
-    choices: Iterable[str] = (),
+    choices: Collection[str] = (),
     kind: Callable[[str], Any] | None = None,
     **shown: Any,
 ) -> Any:
@@ -45,7 +45,7 @@ def setting(
     `kind`: the type, or a function that reads the command line's text and raises ValueError; by default the type of the
     default. `shown`: how the command line shows an option: its `metavar`, `nargs`, or another `flag`.
     """
-    metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
+    metadata = {"description": description, "bounds": (lowest, highest), "choices": choices}
     more = {"kind": kind or type(default), "shown": shown}
     return field(default=default, metadata={**metadata, **more})
 

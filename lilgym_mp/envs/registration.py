@@ -24,7 +24,8 @@ def configurations() -> Mapping[str, tuple[str, str]]:
     return {configuration_name(*parts): parts for parts in known}
 
 
-CONFIGURATIONS = configurations()  # of the package's own appearances
+CONFIGURATIONS = dict(configurations())  # with those of registered appearances
+BUILTIN_CONFIGURATIONS = tuple(CONFIGURATIONS)  # of the package's own appearances
 
 
 def read_configuration(name: str) -> tuple[str, str]:
@@ -49,6 +50,7 @@ def register_appearance(name: str, build: str | Builder) -> None:
     Raises ValueError for a name that is taken.
     """
     register("appearance", name, build, APPEARANCES)
+    CONFIGURATIONS.update(configurations())
     register_all()
 
 

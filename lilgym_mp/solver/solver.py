@@ -46,7 +46,7 @@ class Solver:
         appearance = dynamics.appearance
         if type(appearance) not in SEARCHES:
             choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
-            raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
+            raise UnsupportedAppearance(f"appearance {appearance.name!r} has no expert; those that have one: {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         given = self._search.budget if budget is None else budget
         self.budget = checked_count("budget", given, of=" of scenes or None")

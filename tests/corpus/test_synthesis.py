@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.corpus.writing import flipit_entries
 from lilgym_mp.programs import compile_program
@@ -29,8 +29,8 @@ THREE_BLUE = "count(filter_color(all_items, Color.BLUE)) == 3"
 @given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
 def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed: int, appearance: str):
     rng = random.Random(seed)
-    scene = SAMPLERS[appearance].scene(rng)
-    changed = SAMPLERS[appearance].changed(rng, scene)
+    scene = sampler_of(appearance).scene(rng)
+    changed = sampler_of(appearance).changed(rng, scene)
     for one in (scene, changed):
         make_appearance(appearance).check_scene(one)
         assert any(one.items())

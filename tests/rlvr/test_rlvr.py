@@ -24,7 +24,7 @@ from lilgym_mp.contrib.rlvr import (
     score,
 )
 from lilgym_mp.corpus.generator import split_of
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
@@ -401,7 +401,7 @@ def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
     wrong = rewarded = 0
     for appearance in APPEARANCES:
         rng = random.Random(3)
-        scenes = [SAMPLERS[appearance].scene(rng) for _ in range(200)]
+        scenes = [sampler_of(appearance).scene(rng) for _ in range(200)]
         for level in (1, 2, 3, 4, 5):
             for row in some("program", appearance, 2, level=level, seed=4):
                 truths = list(map(compile_program(row.task.program), scenes))

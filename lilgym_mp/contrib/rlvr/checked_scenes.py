@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cache, lru_cache
 from itertools import chain, islice, zip_longest
 
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.programs import (
     Program,
@@ -123,7 +123,7 @@ def _scenes(appearance: str) -> tuple[Scene, ...]:
     rng = random.Random(f"checks {appearance}")
     scenes = [
         *ScenePool.sample(appearance, rng, WALKS).scenes,
-        *(SAMPLERS[appearance].scene(rng) for _ in range(RANDOM)),
+        *(sampler_of(appearance).scene(rng) for _ in range(RANDOM)),
     ]
     return tuple(rng.sample(scenes, len(scenes)))
 
@@ -138,7 +138,7 @@ def _changed(scenes: Sequence[Scene], appearance: str) -> Iterator[Scene]:
     rng = random.Random(0)
     for scene in scenes:
         for index in range(CHANGES):
-            yield SAMPLERS[appearance].changed(rng, scene)
+            yield sampler_of(appearance).changed(rng, scene)
             yield scene.with_box(rng.randrange(BOX_COUNT), scene.boxes[index % BOX_COUNT])
 
 

@@ -14,7 +14,7 @@ from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
 from lilgym_mp.corpus.generator import LEVELS, TrainingPair, split_of, statements
 from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.envs.rules import State
@@ -123,7 +123,7 @@ def _plans(appearance: str, lengths: range, rng: random.Random) -> _Variants:
 def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task) -> Iterator[tuple[Scene, int]]:
     """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it nearer to
     the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
-    sampler, solver, dynamics = SAMPLERS[appearance], solver_of(appearance), dynamics_of(appearance)
+    sampler, solver, dynamics = sampler_of(appearance), solver_of(appearance), dynamics_of(appearance)
     min_edits = max(lengths.start - 1, 2)
     near, distance = None, 0  # the scene to change next, and how far at least it is from the goal
     for tries in range(TRIES):

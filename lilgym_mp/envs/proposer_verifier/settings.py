@@ -101,7 +101,7 @@ class GameSettings(EnvConfig):
 
     configuration: str = "TowerScratch"
     _: KW_ONLY
-    protocol: str = setting("veto", "(default: veto)", choices=list(PROTOCOLS))
+    protocol: str = setting("veto", "(default: veto)", choices=PROTOCOLS)
     # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
     rewards: Rewards = setting("common", REWARDS_HELP, kind=read_rewards)
     deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden")

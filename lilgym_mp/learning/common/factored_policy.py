@@ -85,9 +85,12 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
     """One head for ADD, over box, cell and item type, and one for REMOVE, over box and cell.
 
     A Tower box is a single cell with three item types, its colours. Scatter's cells on separators, where no edit is
-    ever legal, come after the others with `separators`, and have probability 0 without.
+    ever legal, come after the others with `separators`, and have probability 0 without. Raises ValueError for an
+    appearance whose action arrays have other slots.
     """
     types, *slots = action_arrays(appearance).T
+    if len(slots) != (2 if appearance.grid is None else 5):
+        raise ValueError(f"appearance {appearance.name!r} has no heads for its actions; choose another model")
     if appearance.grid is None:
         cells, item_types = slots
         item_type_count = len(Colour)
