@@ -78,7 +78,8 @@ def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameS
     if args.protocol:
         raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
     for other, name in product(others, ("configuration", *GameSettings.settings())):
-        expected, value = getattr(own[first], name), getattr(own[other], name)
+        expected = getattr(own[first], name)
+        value = getattr(own[other], name)
         if expected != value and name not in MAY_DIFFER:
             raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
     names = args.configuration or [own[first].configuration]

@@ -20,7 +20,9 @@ from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
-SEED, OUT = "{seed}", "{out}"  # in the text of an option, replaced by the run's seed and the results directory
+# In the text of an option, replaced by the run's seed and the results directory
+SEED = "{seed}"
+OUT = "{out}"
 INVALID = (CommandError, ValueError, TypeError)  # raised for a value that an environment or a command refuses
 
 

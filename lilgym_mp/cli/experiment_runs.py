@@ -83,7 +83,8 @@ class Attempt:
             self.error = str(error)
             self.status = RunStatus.INTERRUPTED if self._stopped.is_set() else RunStatus.FAILED
         except OSError as error:
-            self.error, self.status = f"{error.filename}: {error.strerror}", RunStatus.FAILED
+            self.error = f"{error.filename}: {error.strerror}"
+            self.status = RunStatus.FAILED
         else:
             self.status = RunStatus.FINISHED
 

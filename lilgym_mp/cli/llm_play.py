@@ -36,7 +36,8 @@ from lilgym_mp.evaluation.terminal import Progress
 if TYPE_CHECKING:
     from lilgym_mp.contrib.llm import Episode, Failure, Player
 
-TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
+TRANSCRIPTS = "transcripts.jsonl"
+SUMMARY = "summary.json"
 # Options of an agent's constructor that the summary shows. Others are left out, as they could be keys.
 PUBLIC_OPTIONS = (
     *("model", "directory", "temperature", "top_p", "seed", "reasoning_effort", "timeout", "retries"),

@@ -89,7 +89,8 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """An aligned Markdown table; the first row is the header, and columns of numbers are right-aligned."""
     columns: list[list[str]] = []
     for cells in zip(*rows, strict=True):
-        width, right = max(map(len, cells)), columns and all(map(NUMBER.fullmatch, cells[1:]))
+        width = max(map(len, cells))
+        right = columns and all(map(NUMBER.fullmatch, cells[1:]))
         rule = "-" * (width + 1) + (":" if right else "-")
         head, *rest = (f" {cell.rjust(width) if right else cell.ljust(width)} " for cell in cells)
         columns.append([head, rule, *rest])

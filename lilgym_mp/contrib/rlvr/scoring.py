@@ -43,7 +43,8 @@ def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS) -> Sco
     try:
         outcome, details = _CHECKS[row.kind](reply, row, thoughts)
     except NotUnderstood as error:
-        outcome, details = NOT_UNDERSTOOD, {"reason": str(error)}
+        outcome = NOT_UNDERSTOOD
+        details = {"reason": str(error)}
     return Score(float(outcome == SUCCESS), outcome, details)
 
 
@@ -141,14 +142,18 @@ class Conversation:
         shown = partial(is_shown, appearance, lambda: self._dynamics.legal_mask(self.state))
         parsed = parse_reply(reply, appearance, 0, shown, thoughts=self.thoughts)
         if parsed.understood:
-            self._failed, action = 0, appearance.decode(parsed.action)
+            action = appearance.decode(parsed.action)
+            self._failed = 0
             moved = self._dynamics.step(self.state, action)
-            self.state, self.done = moved.state, moved.result.ends
-            name, outcome = describe(action), str(moved.outcome)
+            self.state = moved.state
+            self.done = moved.result.ends
+            name = describe(action)
+            outcome = str(moved.outcome)
         else:
             self._failed += 1
             self.done = self._failed > self.retries
-            name, outcome = None, NOT_UNDERSTOOD
+            name = None
+            outcome = NOT_UNDERSTOOD
         if self.done:
             return Turn(f"The episode is over: {outcome}.", float(outcome == SUCCESS), True, outcome, name)
         return Turn(ASK_AGAIN if name is None else self._text(), 0.0, False, outcome, name)
