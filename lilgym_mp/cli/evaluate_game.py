@@ -33,8 +33,10 @@ Player = tuple[str, Partner]  # one side of the game, and its name: a run's path
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
     given = [name for name in ("policy", "record", "name", "actions") if getattr(args, name)]
-    if unused := [*given, *["passes"] * (args.passes > 1)]:
-        raise CommandError(f"--{unused[0]} is for the single-agent environment; --out FILE writes games")
+    if args.passes > 1:
+        given.append("passes")
+    if given:
+        raise CommandError(f"--{given[0]} is for the single-agent environment; --out FILE writes games")
     games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
     results: list[dict[str, Any]] = []
     tables: list[str] = []

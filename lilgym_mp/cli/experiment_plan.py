@@ -78,7 +78,7 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     environment = ["--corpus", given.get("corpus", "builtin"), *options]
     if not isinstance(optimal := values.get("optimal", False), bool):
         raise CommandError(f"optimal: must be true or false, not {optimal!r}")
-    evaluation = [*environment, *["--optimal"] * optimal]
+    evaluation = [*environment, *(["--optimal"] if optimal else [])]
     experiment = _Experiment(splits, configurations, _distinct(values, "seeds", [0]), environment, evaluation)
     learners = values.get("learners", [])
     if not isinstance(learners, list) or not learners or not all(isinstance(learner, dict) for learner in learners):

@@ -98,7 +98,7 @@ class Attempt:
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
-        self._call([*words, *options, *["--resume"] * resumed])
+        self._call([*words, *options, *(["--resume"] if resumed else [])])
 
     def _evaluate(self, words: Sequence[str]) -> None:
         self.status = RunStatus.EVALUATING

@@ -233,7 +233,7 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
 def _read_action(game: BaseGameEnv, agent: str, legal: Sequence[int], lines: Iterator[str]) -> int | None:
     """The index of the person's action; None if they quit."""
     names = [game.describe_action(agent, index) for index in legal]
-    print(f"{agent}, one of: {', '.join(names[:MOST_LISTED])}{', ...' * (len(names) > MOST_LISTED)}")
+    print(f"{agent}, one of: {', '.join(names[:MOST_LISTED])}{', ...' if len(names) > MOST_LISTED else ''}")
     for line in lines:
         try:
             action = game.read_action(agent, line)

@@ -121,7 +121,9 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         return self._table.states_of([*map(self._text, arrays[STATEMENT])], boxes, arrays[TARGET].reshape(-1))
 
     def _text(self, row: Any) -> str:  # of token ids (L,)
-        if (text := self._texts.get(key := row.tobytes())) is None:
+        key = row.tobytes()
+        text = self._texts.get(key)
+        if text is None:
             text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", "unknownword")
         return text
 

@@ -58,9 +58,11 @@ class BoxConditions(Writer):
 
     def two_disjoint_nouns(self) -> tuple[Noun, Noun]:
         """Noun phrases of attribute words such that no item matches both."""
-        while not disjoint(one := self.some_attributes(), other := self.some_attributes()):
-            pass
-        return Noun(one), Noun(other)
+        while True:
+            one = self.some_attributes()
+            other = self.some_attributes()
+            if disjoint(one, other):
+                return Noun(one), Noun(other)
 
     # Words about several items
 

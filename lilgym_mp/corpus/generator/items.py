@@ -57,9 +57,13 @@ class ItemStatements(BoxConditions):
         noun = self.some_noun()
         number = self.pick(1, 2, 2, 3, 3, 4, 5, 6)
         adverb, quantity = self.pick(
-            ("", exactly(number)), ("exactly ", exactly(number)), ("at least ", at_least(number)),
-            ("at most ", at_most(number)), ("more than ", at_least(number + 1)), ("less than ", at_most(number - 1)),
-        )  # fmt: skip
+            ("", exactly(number)),
+            ("exactly ", exactly(number)),
+            ("at least ", at_least(number)),
+            ("at most ", at_most(number)),
+            ("more than ", at_least(number + 1)),
+            ("less than ", at_most(number - 1)),
+        )
         text = f"{self.say('the_number_of')} {self.noun(noun, plural=True)} is {adverb}{self.number(number)}"
         return TrainingPair(text, quantity.test(noun.items()))
 
@@ -205,9 +209,12 @@ class ItemStatements(BoxConditions):
         nouns = self.noun(noun, plural=True)
         is_shared = not self.chance(0.3)
         text = self.say(
-            "alike" if is_shared else "not_alike", nouns=nouns, noun=partial(self.noun, noun),
-            attribute=attribute, same=lambda _: self.have_same(attribute),
-        )  # fmt: skip
+            "alike" if is_shared else "not_alike",
+            nouns=nouns,
+            noun=partial(self.noun, noun),
+            attribute=attribute,
+            same=lambda _: self.have_same(attribute),
+        )
         items = noun.items()
         program = f"all_same_{attribute}({items})" if is_shared else f"ge(count(get_set_{attribute}s({items})), 2)"
         return TrainingPair(text, program)
@@ -245,9 +252,14 @@ class ItemStatements(BoxConditions):
         """A conjunction or disjunction of two statements."""
         one, other = self.simple_statement(), self.simple_statement()
         words, operator = self.pick(
-            (" and ", "and"), (", and ", "and"), (" and ", "and"), (", but ", "and"), (" or ", "or"),
-            (", while ", "and"), (". also ", "and"),
-        )  # fmt: skip
+            (" and ", "and"),
+            (", and ", "and"),
+            (" and ", "and"),
+            (", but ", "and"),
+            (" or ", "or"),
+            (", while ", "and"),
+            (". also ", "and"),
+        )
         second = other.statement
         if one.statement.startswith("there ") and second.startswith(("there is ", "there are ")) and self.chance(0.5):
             second = second.split(" ", 2)[2]

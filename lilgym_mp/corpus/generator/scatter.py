@@ -41,9 +41,13 @@ class ScatterStatements(Statements):
 
     def predicate(self) -> Predicate:
         return self.drawn(
-            (0.56, self.wall_predicate), (0.7, self.corner_predicate), (0.86, self.beside_predicate),
-            (0.9, self.height_predicate), (0.96, self.box_predicate), (1, self.only_in_box_predicate),
-        )()  # fmt: skip
+            (0.56, self.wall_predicate),
+            (0.7, self.corner_predicate),
+            (0.86, self.beside_predicate),
+            (0.9, self.height_predicate),
+            (0.96, self.box_predicate),
+            (1, self.only_in_box_predicate),
+        )()
 
     def box_predicate(self) -> Predicate:
         index = int(self.rng.random() * 3)

@@ -67,10 +67,14 @@ class TowerStatements(Statements):
 
     def predicate(self) -> Predicate:
         return self.drawn(
-            (0.38, self.position_predicate), (0.66, self.stacked_predicate), (0.74, self.between_predicate),
-            (0.8, self.height_predicate), (0.86, self.floor_predicate), (0.92, self.beside_predicate),
+            (0.38, self.position_predicate),
+            (0.66, self.stacked_predicate),
+            (0.74, self.between_predicate),
+            (0.8, self.height_predicate),
+            (0.86, self.floor_predicate),
+            (0.92, self.beside_predicate),
             (1, self.box_predicate),
-        )()  # fmt: skip
+        )()
 
     def box_predicate(self) -> Predicate:
         index = int(self.rng.random() * 3)
@@ -84,9 +88,12 @@ class TowerStatements(Statements):
         main_complement = without_as if without_as != complement else None
         positive = position in ("second", "third") or self.chance(0.9)
         return Predicate(
-            complement if positive else without_as, f"is_{position}(@)",
-            positive=positive, kind="place", main_complement=main_complement,
-        )  # fmt: skip
+            complement if positive else without_as,
+            f"is_{position}(@)",
+            positive=positive,
+            kind="place",
+            main_complement=main_complement,
+        )
 
     def stacked_predicate(self) -> Predicate:
         positive = self.chance(0.93)
@@ -164,9 +171,15 @@ class TowerStatements(Statements):
         if at_end:
             name = self.say(f"name_{position}")
             contents = self.say(
-                "end_colour", contents=contents, block=block, colour=colour, name=name, place=place,
-                end=f"{name} {self.word('item')}" if len(name) < 7 else name, a_colour=lambda _: self.a(colour),
-            )  # fmt: skip
+                "end_colour",
+                contents=contents,
+                block=block,
+                colour=colour,
+                name=name,
+                place=place,
+                end=f"{name} {self.word('item')}" if len(name) < 7 else name,
+                a_colour=lambda _: self.a(colour),
+            )
             verb_phrase = self.say(f"does_at_{position}", block=block)
             forms = verb_forms(verb_phrase) if verb_phrase else None
         least = {"second": 2, "third": 3}.get(position, 1)
@@ -189,9 +202,14 @@ class TowerStatements(Statements):
             contents = self.say("same_two_ends", nouns=partial(self.noun, Noun(upper)), colour=top)
         else:
             contents = self.say(
-                "two_ends", top=top, base=base, a_top=lambda _: self.a(top), a_base=lambda _: self.a(base),
-                upper=lambda _: self.indefinite(Noun(upper)), lower=lambda _: self.indefinite(Noun(lower)),
-            )  # fmt: skip
+                "two_ends",
+                top=top,
+                base=base,
+                a_top=lambda _: self.a(top),
+                a_base=lambda _: self.a(base),
+                upper=lambda _: self.indefinite(Noun(upper)),
+                lower=lambda _: self.indefinite(Noun(lower)),
+            )
         return Condition(f"{coloured_at('top', upper)} and {coloured_at('bottom', lower)}", contents, kind="ends")
 
     def same_ends(self) -> Condition:

@@ -64,7 +64,8 @@ def checked_directory(path: Path | None, model: str) -> Path:
             f" {architecture}, with {CONFIG}, model.safetensors and a tokenizer"
         )
     if not path.is_dir():
-        raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
+        missing = "" if path.exists() else ": it does not exist"
+        raise WeightsError(f"{path}: not a directory of weights{missing}")
     try:
         found = json.loads((path / CONFIG).read_text(encoding="utf-8")).get("model_type")
     except (OSError, ValueError, RecursionError, AttributeError) as error:
@@ -315,9 +316,14 @@ class ConvolutionsAndBert(PretrainedModel):
     has_fixed_inputs = True
 
     def __init__(
-        self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
-        *, has_actor: bool, has_critic: bool,
-    ) -> None:  # fmt: skip
+        self,
+        encoder: FrozenBert,
+        convolutions: Callable[[], nn.Sequential],
+        appearance: Appearance,
+        *,
+        has_actor: bool,
+        has_critic: bool,
+    ) -> None:
         super().__init__()
         self._encoder = encoder
         self.factorisation = slot_factorisation(appearance)
