@@ -61,7 +61,8 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
 
 def _shrink_of(image: object) -> int:
     """The native pixels along a pixel of the image. Raises PerceptionError if it has neither size."""
-    array, shrinks = np.asarray(image), {image_shape(name): shrink for name, shrink in SHRINKS.items()}
+    array = np.asarray(image)
+    shrinks = {image_shape(name): shrink for name, shrink in SHRINKS.items()}
     if array.dtype != np.uint8 or array.shape not in shrinks:
         shapes = " or ".join(map(str, sorted(shrinks)))
         raise PerceptionError(f"an image must be a uint8 array of shape {shapes}, not {array.dtype} {array.shape}")
@@ -109,7 +110,8 @@ def _occluded(index: int, colours: Collection[Colour]) -> PerceptionError:
 
 def _regions(image: UInt8Array, shrink: int) -> list[bytes]:
     """The pixels of each box with MARGIN on each side, as if the image ended in halves of separators."""
-    margin, width = MARGIN // shrink, PITCH // shrink
+    margin = MARGIN // shrink
+    width = PITCH // shrink
     padded = np.full((len(image), BOX_COUNT * width, 3), SEPARATOR_RGB[0], np.uint8)  # grey
     padded[:, margin:-margin] = image
     return [padded[:, width * index : width * (index + 1)].tobytes() for index in range(BOX_COUNT)]
@@ -169,7 +171,8 @@ class _Component(NamedTuple):
 def _components(pixels: bytes, index: int, shrink: int) -> Iterator[_Component]:
     """The connected components in the region of a box."""
     for colour, packed in zip(Colour, _coverage(pixels, index, shrink), strict=True):
-        coverage, position = int.from_bytes(packed.tobytes(), "little"), 0
+        coverage = int.from_bytes(packed.tobytes(), "little")
+        position = 0
         while coverage:
             skipped = _first_byte(coverage)
             coverage >>= 8 * skipped
@@ -188,7 +191,8 @@ def _connected(coverage: int, shrink: int) -> int:
     ones = _ones(shrink)
     present = (((coverage + 127 * ones) >> 7) & ones) * 255
     row = 8 * (PITCH // shrink)
-    component, grown = 0, 255
+    component = 0
+    grown = 255
     while grown != component:
         component = grown
         wide = component | component << 8 | component >> 8
@@ -237,7 +241,8 @@ def _template(footprint: int, odd_x: int, odd_y: int, shrink: int) -> _Template:
     def packed(pixels: UInt8Array) -> int:
         return int.from_bytes(pixels.tobytes()[anchor:], "little")
 
-    shape, size = Shape(footprint // len(Size)), Size(footprint % len(Size))
+    shape = Shape(footprint // len(Size))
+    size = Size(footprint % len(Size))
     guard = (coverage > 0) * np.uint8(128)
     return _Template(shape, size, odd_x, odd_y, anchor, packed(coverage), packed(guard), int(drawn[0, anchor]))
 

@@ -35,7 +35,9 @@ from lilgym_mp.envs.observation import row_of
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import BatchedGames
 
-STOP_SHARE, ANY_SHARE = 0.1, 0.1  # of actions: STOP, and any at all; the others are legal
+# Of actions: STOP, and any at all; the others are legal
+STOP_SHARE = 0.1
+ANY_SHARE = 0.1
 SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode"}  # entries that SB3 adds
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
 
@@ -170,7 +172,8 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
     generators = [np.random.default_rng(env_id) for env_id in range(player.count)]
     copies = [[copy.deepcopy(event.observation)] for (event,) in histories]
     for _ in range(steps):
-        masks, goals = [copy.copy(mask) for mask in player.masks()], player.goals()
+        masks = [copy.copy(mask) for mask in player.masks()]
+        goals = player.goals()
         waiting = [history[-1].ends for history in histories]  # NEXT_STEP: for a reset, which ignores the action
         actions = [
             history[-1].action if waits else _choose(player.action_space, mask, generator)
@@ -244,7 +247,8 @@ class _Singles(_Player):
 
     def __init__(self, envs: list[Any], convert: Callable[[Event], Event] = lambda event: event) -> None:
         self.envs, self.count, self._convert = envs, len(envs), convert
-        self.action_space, self.observation_space = envs[0].action_space, envs[0].observation_space
+        self.action_space = envs[0].action_space
+        self.observation_space = envs[0].observation_space
 
     def reset(self, seed: int | None) -> list[Event]:
         seeds = [None if seed is None else seed + env_id for env_id in range(self.count)]
@@ -277,7 +281,8 @@ class _Vector(_Player):
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         self.env, self.count, self.mode = env, env.num_envs, env.metadata["autoreset_mode"]
-        self.action_space, self.observation_space = env.single_action_space, env.single_observation_space
+        self.action_space = env.single_action_space
+        self.observation_space = env.single_observation_space
 
     def reset(self, seed: int | None) -> list[Event]:
         return self._starts(*self.env.reset(seed=seed))
@@ -320,7 +325,8 @@ class _SB3(_Player):
 
     def __init__(self, env: Any) -> None:
         self.env, self.count = env, env.num_envs
-        self.action_space, self.observation_space = env.action_space, env.observation_space
+        self.action_space = env.action_space
+        self.observation_space = env.observation_space
 
     def reset(self, seed: int | None) -> list[Event]:
         if seed is not None:
@@ -368,7 +374,8 @@ class _GamePlayer(_Player):
             _require(event.observation[agent] in space, f"an observation of {agent} is not in its space")
             if event.action is None or event.info is None:
                 continue
-            action, info = event.action[agent], event.info[agent]
+            action = event.action[agent]
+            info = event.info[agent]
             is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
             _require(
                 not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
@@ -404,8 +411,10 @@ class _Games(_GamePlayer):
     """A batch of games; of each it reports infos of the end alone."""
 
     def __init__(self, games: BatchedGames) -> None:
-        self.env, self.count = games, games.num_games
-        self.action_space, self.observation_space = games.single_action_spaces, games.single_observation_spaces
+        self.env = games
+        self.count = games.num_games
+        self.action_space = games.single_action_spaces
+        self.observation_space = games.single_observation_spaces
 
     def reset(self, seed: int | None) -> list[Event]:
         observations, _ = self.env.reset(seed=seed)

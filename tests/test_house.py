@@ -180,6 +180,10 @@ def test_core__plays_without_numba_and_without_generated_code():
     assert done.stderr.count("RuntimeWarning: programs are evaluated slowly") == 1
 
 
+def test_core__plays_without_docstrings():
+    _passes(sys.executable, "-OO", "-c", PLAY)
+
+
 def test_program__has_code_generated_only_once_it_is_evaluated_often():
     _passes(sys.executable, "-c", EVALUATE)
 

@@ -37,7 +37,9 @@ from lilgym_mp.evaluation.terminal import Progress
 SPLIT = "train"
 STOP = 0  # index of the action
 EPISODE_ACTIONS = 11  # ten edits and a STOP
-FIXED, RANDOM = f"{EPISODE_ACTIONS} actions", "random policy"  # workloads
+# Workloads
+FIXED = f"{EPISODE_ACTIONS} actions"
+RANDOM = "random policy"
 COPY = "memory copy"  # an upper bound on the speed of any environment that copies its images
 PROCESSES = max(2, usable_cores())  # of workers
 QUICK = ("TowerFlipIt", "ScatterFlipIt")  # configurations
@@ -52,8 +54,11 @@ class Workload:
     """Recorded episodes, `actions` actions of all environments together; environment i always plays those of seed i."""
 
     def __init__(self, settings: EnvConfig, name: str, actions: int) -> None:
-        self.settings, self.name, self.actions = settings, name, actions
-        self.id, self.arguments = settings.id, settings.arguments(SPLIT)
+        self.settings = settings
+        self.name = name
+        self.actions = actions
+        self.id = settings.id
+        self.arguments = settings.arguments(SPLIT)
         own = {"appearance": settings.appearance, "start": settings.start, "protocol": "joint"}
         self.game_arguments = {**self.arguments, **own}  # every round takes one action of the MDP
         self._env = settings.make(SPLIT)
@@ -61,11 +66,14 @@ class Workload:
 
     def _recorded(self, seed: int, num_envs: int) -> list[list[int]]:
         """Actions of one environment by episode; first ones of FIXED differ in length, not to end all at once."""
-        env, rng, left = self._env, np.random.default_rng(seed), self.actions // num_envs
+        env = self._env
+        rng = np.random.default_rng(seed)
+        left = self.actions // num_envs
         episodes: list[list[int]] = []
         env.reset(seed=seed)
         while left > 0 or len(episodes) < 4:
-            actions, ended = list[int](), False
+            actions = list[int]()
+            ended = False
             length = EPISODE_ACTIONS if episodes else 1 + seed % EPISODE_ACTIONS
             while not ended:
                 legal = np.flatnonzero(env.action_masks())  # the first is STOP

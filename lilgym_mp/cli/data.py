@@ -142,7 +142,8 @@ def _generate(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "number")
     check_at_least(args, 0, "seed")
     args.corpus = f"generated:{args.level}:{args.seed}"
-    spec, rows = CorpusSpec.parse(args.corpus), list[Mapping[str, object]]()
+    spec = CorpusSpec.parse(args.corpus)
+    rows = list[Mapping[str, object]]()
     with Progress(len(args.appearances) * len(args.splits), "splits") as progress:
         for appearance, split in product(args.appearances, args.splits):
             for index, entry in enumerate(generated_entries(spec, appearance, split, args.number), 1):

@@ -66,13 +66,16 @@ def statement_row(programs: Programs, appearance: str, split: str) -> list[objec
 
     "In train" ignores case and punctuation.
     """
-    statements, train = programs[appearance, split], programs.get((appearance, "train"))
-    forms, vocabulary = set(map(statement_form, statements)), _vocabulary(statements)
+    statements = programs[appearance, split]
+    train = programs.get((appearance, "train"))
+    forms = set(map(statement_form, statements))
+    vocabulary = _vocabulary(statements)
     lengths = [len(words(statement)) for statement in statements]
     row = [f"{appearance} {split}", len(statements), len(forms), len(vocabulary), sum(lengths) / len(lengths)]
     if train is None or split == "train":
         return [*row, max(lengths), None, None, None]
-    known, known_forms = set(map(normalised, train)), set(map(statement_form, train))
+    known = set(map(normalised, train))
+    known_forms = set(map(statement_form, train))
     seen = sum(normalised(statement) in known for statement in statements)
     seen_forms = sum(statement_form(statement) in known_forms for statement in statements)
     return [*row, max(lengths), seen, seen_forms, len(vocabulary - _vocabulary(train))]

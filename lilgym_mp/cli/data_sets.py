@@ -106,7 +106,8 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
     if not ids:
         return []
     if part == EXPERT:
-        tasks, dynamics = settings.tasks(args.split), settings.dynamics()
+        tasks = settings.tasks(args.split)
+        dynamics = settings.dynamics()
         distinct = [tasks.by_id(task_id) for task_id in dict.fromkeys(ids)]
         solved = {
             task.id: Episode.of(task, solution.actions, "success", dynamics)
@@ -117,12 +118,14 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
         if missing := len(ids) - len(episodes):
             print(f"{missing:,} of {len(ids):,} tasks have no solution and are left out")
         return [datasets.Source(settings, args.split, EXPERT, episodes)]
-    name, policy = part, random_legal
+    name = part
+    policy = random_legal
     if part == MEDIUM:
         from lilgym_mp.learning.common.agents import open_agent
 
         path = args.agent or Path(f"imitation-{settings.appearance}")
-        name, policy = str(path), open_agent(path).policy(settings, sampled=True)
+        name = str(path)
+        policy = open_agent(path).policy(settings, sampled=True)
     with Progress(len(ids), f"episodes of {name}") as progress:
         episodes = evaluate(
             policy, settings, args.split, seed=args.seed, task_ids=ids, on_episode=lambda episode: progress.advance()

@@ -81,7 +81,8 @@ def display(attempts: Sequence[Attempt]) -> Iterator[Callable[[], None]]:
 
         def update() -> None:
             for attempt in attempts:
-                name, status = attempt.planned.name, attempt.status
+                name = attempt.planned.name
+                status = attempt.status
                 if printed[name] != status:
                     print(f"{name}: {status}", flush=True)
                 printed[name] = status

@@ -21,7 +21,9 @@ from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
-SEED, OUT = "{seed}", "{out}"  # in the text of an option, replaced by the run's seed and the results directory
+# In the text of an option, replaced by the run's seed and the results directory
+SEED = "{seed}"
+OUT = "{out}"
 INVALID = (CommandError, ValueError, TypeError)  # raised for a value that an environment or a command refuses
 
 
@@ -77,7 +79,7 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     environment = ["--corpus", fixed_name(given.get("corpus", "builtin")), *options]
     if not isinstance(optimal := values.get("optimal", False), bool):
         raise CommandError(f"optimal: must be true or false, not {optimal!r}")
-    evaluation = [*environment, *["--optimal"] * optimal]
+    evaluation = [*environment, *(["--optimal"] if optimal else [])]
     experiment = _Experiment(splits, configurations, _distinct(values, "seeds", [0]), environment, evaluation)
     learners = values.get("learners", [])
     if not isinstance(learners, list) or not learners or not all(isinstance(learner, dict) for learner in learners):

@@ -83,7 +83,8 @@ class Attempt:
             self.error = str(error)
             self.status = RunStatus.INTERRUPTED if self._stopped.is_set() else RunStatus.FAILED
         except OSError as error:
-            self.error, self.status = f"{error.filename}: {error.strerror}", RunStatus.FAILED
+            self.error = f"{error.filename}: {error.strerror}"
+            self.status = RunStatus.FAILED
         else:
             self.status = RunStatus.FINISHED
 
@@ -97,7 +98,7 @@ class Attempt:
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
-        self._call([*words, *options, *["--resume"] * resumed])
+        self._call([*words, *options, *(["--resume"] if resumed else [])])
 
     def _evaluate(self, words: Sequence[str]) -> None:
         self.status = RunStatus.EVALUATING

@@ -80,11 +80,13 @@ def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvC
 def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) -> None:
     """An option for each field made by `setting`; its help ends with its default unless it has told one."""
     for each in fields:
-        default, known = each.default, each.metadata
+        default = each.default
+        known = each.metadata
         shown = f"{default:g}" if isinstance(default, float) else str(default)
         kind: dict[str, Any] = {"type": argument_type(known["kind"])}
         if isinstance(default, bool):
-            shown, kind = "on" if default else "off", {"action": argparse.BooleanOptionalAction}
+            shown = "on" if default else "off"
+            kind = {"action": argparse.BooleanOptionalAction}
         elif known["choices"]:
             kind = {"choices": known["choices"]}
         elif known["kind"] in (int, float):

@@ -109,7 +109,8 @@ class Session:
     def begin(self, seed: int | None = None, task_id: str | None = None) -> None:
         """Starts an episode of the task, by default a random one. Raises ValueError for an unknown task."""
         self._env.reset(seed=seed, options={} if task_id is None else {"task": task_id})
-        self._last_result, self._episode_over = "", False
+        self._last_result = ""
+        self._episode_over = False
         self._show()
 
     def answer(self, line: str) -> None:
@@ -139,7 +140,8 @@ class Session:
         self._show()
 
     def _show(self) -> None:
-        env, task = self._env, self._env.task
+        env = self._env
+        task = self._env.task
         print(ruled(text(env.scene, [], coloured=shows_colours()), env.dynamics.appearance.grid))
         left = env.dynamics.horizon - env.state.steps
         print(f'"{task.statement}"\nMake this {str(task.target).lower()}, then stop. Actions left: {left}.')
@@ -215,7 +217,8 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
         print(text(game.scene, [], coloured=shows_colours()))
         actions: list[int | None] = [None, None]
         for role in engine.movers:
-            turn, agent = PartnerTurn(engine.games, role, rng), AGENTS[role]
+            turn = PartnerTurn(engine.games, role, rng)
+            agent = AGENTS[role]
             if agent in SIDES[side]:
                 actions[role] = _read_action(game, agent, np.flatnonzero(turn.action_mask).tolist(), lines)
                 if actions[role] is None:
@@ -235,7 +238,7 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
 def _read_action(game: BaseGameEnv, agent: str, legal: Sequence[int], lines: Iterator[str]) -> int | None:
     """The index of the person's action; None if they quit."""
     names = [game.describe_action(agent, index) for index in legal]
-    print(f"{agent}, one of: {', '.join(names[:MOST_LISTED])}{', ...' * (len(names) > MOST_LISTED)}")
+    print(f"{agent}, one of: {', '.join(names[:MOST_LISTED])}{', ...' if len(names) > MOST_LISTED else ''}")
     for line in lines:
         try:
             action = game.read_action(agent, line)

@@ -23,7 +23,8 @@ from lilgym_mp.cli.options import RUNS, CommandError, add_corpus
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
-PORT, DATABASE = 8000, Path("lilgym-web.sqlite3")
+PORT = 8000
+DATABASE = Path("lilgym-web.sqlite3")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -91,7 +91,8 @@ def run(args: argparse.Namespace) -> int:
         for split in args.split or [split_of(settings, None)]:
             tasks = settings.tasks(split)
             reports = solve_shown(tasks[: args.limit], settings, split, args)
-            name, dynamics = f"{settings.configuration} {split}", settings.dynamics()
+            name = f"{settings.configuration} {split}"
+            dynamics = settings.dynamics()
             summaries[name] = summarise(reports)
             unsolved += [
                 f"{name} {task.id}: {task.statement!r} to be {task.target}: {solution.status}, {solution.reason}"
@@ -151,7 +152,8 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
 
 def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
-    solver, reports = Solver(settings.dynamics(), args.budget), list[TaskReport]()
+    solver = Solver(settings.dynamics(), args.budget)
+    reports = list[TaskReport]()
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
         for task in tasks:
             begin = perf_counter()

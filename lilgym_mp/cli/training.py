@@ -101,7 +101,8 @@ def _next_step(directory: Path, unit: str) -> int:
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
     """The environment, recipe, options and directory of the run that the options ask for. Raises as `train`."""
-    given, changes = given_options(args, learner.options.names()), given_options(args, learner.recipe.names())
+    given = given_options(args, learner.options.names())
+    changes = given_options(args, learner.recipe.names())
     environment: dict[str, Any] = {}
     if learner.config is not None:
         environment = given_options(args, ["configuration", *learner.config.settings()])

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from lilgym_mp.corpus.faults import CorpusError
 
-BUILTIN, OFFICIAL = "builtin", "lilgym"
+BUILTIN = "builtin"
+OFFICIAL = "lilgym"
 GENERATED = "generated"  # prefix of the names of generated corpora
 BUILTIN_FILE = "builtin.jsonl.gz"
 DATA_VARIABLE = "LILGYM_DATA"

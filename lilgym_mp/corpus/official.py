@@ -132,7 +132,8 @@ def check_official_file(path: Path) -> OfficialFile:
 
     Raises CorpusError naming the file and the fault: a fault that `load_tasks` would raise, or another version.
     """
-    facts, faults = FILE_FACTS[path.name], list[Fault]()
+    facts = FILE_FACTS[path.name]
+    faults = list[Fault]()
     ((appearance, *_), records), *_ = read_released_file(path, faults).records.items()
     if len(records) != facts.tasks:
         raise CorpusError(f"{path}: has {len(records)} entries; the file of release {RELEASE} has {facts.tasks}")

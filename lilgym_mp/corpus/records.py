@@ -13,7 +13,8 @@ from typing import NamedTuple, cast
 
 from lilgym_mp.corpus.faults import CorpusError
 
-SCRATCH, FLIPIT = "scratch", "flipit"
+SCRATCH = "scratch"
+FLIPIT = "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
 TRAIN = "train"
 SPLITS = {split: split for split in (TRAIN, "dev", "test")}

@@ -113,7 +113,9 @@ def with_item(
     rng: random.Random, scene: Scene, index: int, item_types: ItemTypes, placing: ItemPlacing = ANYWHERE
 ) -> Scene:
     """The scene with one item added to a box, or the same scene object when no free position was found."""
-    shape, colour, size = rng.choice(item_types.shapes), rng.choice(item_types.colours), rng.choice(item_types.sizes)
+    shape = rng.choice(item_types.shapes)
+    colour = rng.choice(item_types.colours)
+    size = rng.choice(item_types.sizes)
     box = scene.boxes[index]
     for _ in range(placing.attempts):
         x, y = _random_position(rng, size.pixels, box.items, placing)

@@ -129,7 +129,8 @@ def _random_add(appearance: str, rng: random.Random, palette: ItemTypes, box_ind
     shapes, colours, sizes = palette
     if appearance == "tower":
         return AddBlock(box_index, rng.choice(colours))
-    column, row = rng.randrange(BOX_CELLS), rng.randrange(BOX_CELLS)
+    column = rng.randrange(BOX_CELLS)
+    row = rng.randrange(BOX_CELLS)
     return AddItem(box_index * COLUMN_PITCH + column, row, rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
 
 

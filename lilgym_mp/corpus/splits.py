@@ -112,7 +112,8 @@ def load_listed(corpus: str, appearance: str, start: str, split: str) -> TaskSet
     contents = _contents(corpus)
     try:
         lists = json.loads(gzip.decompress(contents) if contents.startswith(GZIP_MAGIC) else contents)
-        base, by = str(lists["corpus"]), str(lists["by"])
+        base = str(lists["corpus"])
+        by = str(lists["by"])
         statements = {key: frozenset(map(str, ids)) for key, ids in lists["statements"].items()}
     except (OSError, EOFError, zlib.error, ValueError, TypeError, KeyError, AttributeError) as error:
         raise CorpusError(f"{corpus}: not a file of lists as `lilgym-mp data split` writes: {error!r}") from None

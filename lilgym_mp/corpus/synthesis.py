@@ -48,16 +48,20 @@ def near_misses(
     an earlier pair. Adds the scenes before each change to `seen`."""
     used: set[Scene] = set()
     evaluate = compile_program(program).evaluate
-    first, first_value = None, None
+    first = None
+    first_value = None
     for walk in walks:
         scenes = iter(walk)
         scene = next(scenes)
         if scene is not first:  # walks often begin like the one before
-            first, first_value = scene, _value(evaluate, scene)
+            first = scene
+            first_value = _value(evaluate, scene)
         value = first_value
         for after in scenes:
-            before, value_before = scene, value
-            scene, value = after, _value(evaluate, after)
+            before = scene
+            value_before = value
+            scene = after
+            value = _value(evaluate, after)
             if value_before is not None and seen is not None:
                 seen[value_before].append(before)
             if None not in (value, value_before) and value != value_before:
@@ -102,7 +106,8 @@ def synthesize(
     ids = [task.id for tasks in sets for task in tasks]
     unique = len(set(ids)) == len(ids)
     for tasks in sets:
-        appearance, split = tasks.provenance.appearance, tasks.provenance.split
+        appearance = tasks.provenance.appearance
+        split = tasks.provenance.split
         for task in tasks:
             name = task.id if unique else f"{appearance}-{split}-{task.id}"
             rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")

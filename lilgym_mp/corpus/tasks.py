@@ -112,12 +112,14 @@ class TaskReader:
         return (task for task in found if task is not None)
 
     def _task(self, record: Record, *, trusted: bool) -> Task | None:
-        faults, where = self._faults, record.where
+        faults = self._faults
+        where = record.where
         name = checked(faults, where, check_text, "id", record.id)
         statement = checked(faults, record.entry, check_prose, "statement", record.statement)
         source = checked(faults, record.entry, check_prose, "program", record.program)
         program = None if source is None or trusted else self._program(source, record.entry)
-        start, label = self._empty, False
+        start = self._empty
+        label = False
         if record.is_flipit:
             label = checked(faults, where, _check_label, record.label)
             start = checked(faults, where, self._scene, record.scene)

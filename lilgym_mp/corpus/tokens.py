@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-PAD, UNKNOWN = 0, 1
+PAD = 0
+UNKNOWN = 1
 FIRST_WORD = 2
 FORMAT = "lilgym_mp-vocabulary"
 VERSION = 1
@@ -109,7 +110,8 @@ class Vocabulary:
         """Reads a vocabulary written by `save`. Raises VocabularyError naming the file and the fault."""
         try:
             content: Any = json.loads(Path(path).read_text(encoding="utf-8-sig"))
-            kind, listed = (content["format"], content["version"]), tuple(content["words"])
+            kind = (content["format"], content["version"])
+            listed = tuple(content["words"])
         except (OSError, ValueError, RecursionError, TypeError, KeyError) as fault:
             raise VocabularyError(f"{os.fspath(path)}: is no vocabulary that can be read: {fault!r}") from None
         if kind != (FORMAT, VERSION) or not all(isinstance(word, str) for word in listed):

@@ -44,7 +44,8 @@ def entry_json(
 
 def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
     """One entry per statement and program of the FlipIt tasks, with their start scenes under the task ids."""
-    appearance, split = tasks.provenance.appearance, tasks.provenance.split
+    appearance = tasks.provenance.appearance
+    split = tasks.provenance.split
     starts: dict[tuple[str, str, tuple[str, ...]], list[tuple[str, LabelledScene]]] = {}
     for task in tasks:
         start = LabelledScene(task.start, not task.target)

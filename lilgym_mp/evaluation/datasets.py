@@ -36,7 +36,9 @@ from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 
-IMAGE, STRUCTURED, TOKENS = "image", "structured", "tokens"
+IMAGE = "image"
+STRUCTURED = "structured"
+TOKENS = "tokens"
 FORMS = (IMAGE, STRUCTURED, TEXT, TOKENS)  # of observations
 EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data set names
 DECIMALS = 6  # of returns, which sums of rewards have not exactly
@@ -248,7 +250,8 @@ def _write_json_lines(path: Path, played: Iterable[Rollout], about: Mapping[str,
 
 
 def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
-    pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    pyarrow = import_module("pyarrow")
+    parquet = import_module("pyarrow.parquet")
     rows = [_row(rollout, lambda png: {"bytes": png, "path": None}) for rollout in played]
     table = pyarrow.Table.from_pylist(rows)
     parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
@@ -315,8 +318,10 @@ def write_minari(
     writing fails, no files remain. Raises DatasetError as `check_minari` does.
     """
     path = check_minari(dataset_id)
-    minari, variable = import_module("minari"), "MINARI_DATASETS_PATH"
-    root, named = import_module("minari.storage").get_dataset_path(), os.environ.get(variable)
+    minari = import_module("minari")
+    variable = "MINARI_DATASETS_PATH"
+    root = import_module("minari.storage").get_dataset_path()
+    named = os.environ.get(variable)
     with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=root) as unfinished, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
         os.environ[variable] = unfinished
@@ -344,7 +349,8 @@ def write_minari(
 
 
 def _buffer(rollout: Rollout) -> Any:
-    observed, steps = rollout.observations, rollout.steps
+    observed = rollout.observations
+    steps = rollout.steps
     observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
     infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
     for name in {"legal", "optimal", "return_to_go"} & steps.keys():

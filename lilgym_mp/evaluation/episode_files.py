@@ -61,7 +61,8 @@ class Header:
     def from_json(cls, data: Any) -> Self:
         """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
-        file_format, version = values.pop("format"), values.pop("version")
+        file_format = values.pop("format")
+        version = values.pop("version")
         if (file_format, version) != (FORMAT, VERSION):
             raise ValueError(f"format {file_format!r}, version {version!r}; must be {FORMAT!r}, version {VERSION}")
         values["settings"] = EnvConfig.from_json(values["settings"])

@@ -28,10 +28,13 @@ MARGIN = 8
 BORDER = 4
 TILE_WIDTH = IMAGE_WIDTH + 2 * MARGIN
 TILE_HEIGHT = IMAGE_HEIGHT + (STATEMENT_LINES + 2) * LINE_HEIGHT + 3 * MARGIN
-PAPER_RGB, INK_RGB = (255, 255, 255), (30, 30, 30)
+PAPER_RGB = (255, 255, 255)
+INK_RGB = (30, 30, 30)
 GOAL_WIDTH = 90  # pixels
 MISSED_RGB = (200, 90, 0)
-PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (222, 222, 222), (0, 140, 60), (200, 40, 30)
+PENDING_RGB = (222, 222, 222)
+SUCCESS_RGB = (0, 140, 60)
+FAILURE_RGB = (200, 40, 30)
 SCORE_WIDTH, SCORE_HEAD, SCORE_ROW, ACTION_WIDTH = 1000, 120, 68, 16  # pixels
 SCORE_COLUMNS = (24, 232, 700)  # left edges of scenes, tasks and bars
 PLAYER_RGB = ((0, 114, 178), (213, 94, 0), (140, 140, 140))
@@ -51,7 +54,8 @@ class FilmFrame(NamedTuple):
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     """A frame for the start and one for each action of an episode, by replaying it."""
     env.reset(options={"task": episode.task})
-    appearance, target = env.dynamics.appearance, episode.target
+    appearance = env.dynamics.appearance
+    target = episode.target
     task = f'"{episode.statement}"'
 
     def frame(caption: str, rgb: tuple[int, int, int]) -> FilmFrame:
@@ -61,7 +65,8 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     yield frame("", PENDING_RGB)
     for step, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(appearance.encode(action))
-        caption, rgb = f"{step}. {describe(action)}", PENDING_RGB
+        caption = f"{step}. {describe(action)}"
+        rgb = PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, return {episode.reward:+.1f}"
@@ -97,7 +102,8 @@ def _tile(frame: FilmFrame) -> Image.Image:
     ink = INK_RGB if frame.rgb == PENDING_RGB else frame.rgb
     bottom = top + IMAGE_HEIGHT + BORDER + 2
     pen.text((MARGIN, bottom), frame.caption, fill=ink, font=font)
-    goal, now = f"goal: {str(frame.target).lower()}", f"now: {str(frame.truth).lower()}"
+    goal = f"goal: {str(frame.target).lower()}"
+    now = f"now: {str(frame.truth).lower()}"
     rgb = SUCCESS_RGB if frame.truth == frame.target else MISSED_RGB
     pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=INK_RGB, font=font)
     pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=rgb, font=font)
@@ -147,7 +153,8 @@ class ScoreLine(NamedTuple):
 def score_picture(heading: Sequence[str], players: Sequence[str], lines: Sequence[ScoreLine]) -> Image.Image:
     """Tasks with their scenes, and bars as long as the players' actions, below two lines of text."""
     image = Image.new("RGB", (SCORE_WIDTH, SCORE_HEAD + SCORE_ROW * len(lines) + MARGIN), PAPER_RGB)
-    pen, font = ImageDraw.Draw(image), ImageFont.load_default(FONT_PIXELS - 1)
+    pen = ImageDraw.Draw(image)
+    font = ImageFont.load_default(FONT_PIXELS - 1)
     for y, line, pixels in zip((18, 62), heading, (30, 17), strict=True):
         pen.text((SCORE_COLUMNS[0], y), line, INK_RGB, ImageFont.load_default(pixels))
     left = SCORE_COLUMNS[2]
@@ -161,7 +168,8 @@ def score_picture(heading: Sequence[str], players: Sequence[str], lines: Sequenc
         for row, text in enumerate(wrap_text(line.task, 440, pen, font)[:3]):
             pen.text((SCORE_COLUMNS[1], top + 17 * row), text, INK_RGB, font)
         for row, (count, rgb) in enumerate(zip(line.actions, PLAYER_RGB, strict=False)):
-            y, end = top + 17 * row, SCORE_COLUMNS[2] + ACTION_WIDTH * (count or 0)
+            y = top + 17 * row
+            end = SCORE_COLUMNS[2] + ACTION_WIDTH * (count or 0)
             pen.rectangle((SCORE_COLUMNS[2], y + 2, end, y + 12), rgb)
             pen.text((end + 6, y), "not solved" if count is None else str(count), INK_RGB, font)
     return image

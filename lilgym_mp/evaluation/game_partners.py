@@ -68,7 +68,8 @@ class ExpertProposer:
 
     def plan(self, mdp: State) -> tuple[int, int]:
         """The first action of a shortest solution, and its number of actions; STOP, 0 if none is found."""
-        appearance, task = self._dynamics.appearance, mdp.task
+        appearance = self._dynamics.appearance
+        task = mdp.task
         key = (task.program, task.target, mdp.scene)
         if key not in self._plans:
             actions = self._solver.solve_from(mdp._replace(steps=0)).actions or ()
@@ -173,7 +174,8 @@ class AgentPartner(BatchPartner):
         self._policy = policy
 
     def batch(self, turn: BatchTurn) -> Int64Array:
-        games, indices = turn.games, turn.indices
+        games = turn.games
+        indices = turn.indices
         states = [games.mdp(index) for index in indices.tolist()]
         observations = Observations(
             np.stack([draw(state.scene, "half") for state in states]),

@@ -54,7 +54,8 @@ class Recorder:
         self._dynamics: Dynamics = env.dynamics
         self._training_statements = set(training_statements)
         self._training_forms = set(map(statement_form, self._training_statements))
-        self._with_expert, self._judges_decisions = with_expert, judges_decisions
+        self._with_expert = with_expert
+        self._judges_decisions = judges_decisions
         self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
 
     @cached_property
@@ -69,7 +70,8 @@ class Recorder:
         return path
 
     def _header(self, result: Result) -> Header:
-        named, plan = result.named, result.plan
+        named = result.named
+        plan = result.plan
         details = named.details
         provenance = self._tasks.provenance
         return Header(

@@ -49,11 +49,11 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
         rows = [[name, *(_percent(found.get((name, where))) for where in configurations)] for name in names]
         parts.append(table(["accuracy", *configurations], rows, width))
     has_seen = _has_seen(results)
-    heads = ("policy", "accuracy", *("seen", "unseen") * has_seen, "mean reward", "mean length", *FAILURES)
+    heads = ("policy", "accuracy", *(("seen", "unseen") if has_seen else ()), "mean reward", "mean length", *FAILURES)
     for configuration in configurations:
         played = [result for result in results if result.plan.settings.configuration == configuration]
         episodes = len(played[0].episodes)
-        parts.append(f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}")
+        parts.append(f"{configuration}, {episodes:,} episode{'s' if episodes > 1 else ''}")
         parts.append(table(heads, [_row(result, seen=has_seen) for result in played], width))
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
@@ -89,7 +89,8 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """An aligned Markdown table; the first row is the header, and columns of numbers are right-aligned."""
     columns: list[list[str]] = []
     for cells in zip(*rows, strict=True):
-        width, right = max(map(len, cells)), columns and all(map(NUMBER.fullmatch, cells[1:]))
+        width = max(map(len, cells))
+        right = columns and all(map(NUMBER.fullmatch, cells[1:]))
         rule = "-" * (width + 1) + (":" if right else "-")
         head, *rest = (f" {cell.rjust(width) if right else cell.ljust(width)} " for cell in cells)
         columns.append([head, rule, *rest])

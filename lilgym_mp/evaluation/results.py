@@ -168,7 +168,8 @@ def play(
     began = time.process_time()
     episodes = evaluate(policy, **vars(plan), on_episode=on_episode)
     mask = policy.needs_masks if named.mask is None else named.mask
-    summary, seconds = summarise(episodes, training_statements), time.process_time() - began
+    summary = summarise(episodes, training_statements)
+    seconds = time.process_time() - began
     return Result(named, plan, summary, episodes, seconds, mask)
 
 

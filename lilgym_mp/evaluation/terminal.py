@@ -83,10 +83,12 @@ class Progress:
     def reach(self, done: int, note: str = "") -> None:
         """Sets the progress, including what was done before; `note` is shown with it."""
         if self._begin is None:
-            self._begin, self._done = min(done, self._total), done
+            self._begin = min(done, self._total)
+            self._done = done
             self._since = self._printed = time.monotonic()
         completes = self._done < self._total <= done
-        self._done, self._note = done, note
+        self._done = done
+        self._note = note
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note)
         elif self._prints:
@@ -100,9 +102,13 @@ class Progress:
         now = time.monotonic()
         if now - self._printed < SILENT_SECONDS / 2 and not at_once:
             return
-        self._printed, done, seconds, ends = now, self._done, now - self._since, "so far"
+        self._printed = now
+        done = self._done
+        seconds = now - self._since
+        ends = "so far"
         if (worked := done - (self._begin or 0)) and 20 * worked >= self._total:
-            seconds, ends = seconds * (self._total - done) / worked, "left"
+            seconds = seconds * (self._total - done) / worked
+            ends = "left"
         clock = f"{round(seconds) // 60}:{round(seconds) % 60:02} {ends}" if done < self._total else ""
         reached = f"{done:,} of {self._total:,} {self._unit}" if done else ""
         write_note(", ".join(filter(None, [reached, self._note, clock])))

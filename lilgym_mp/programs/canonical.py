@@ -122,7 +122,8 @@ def _simplify(node: syntax.Node, scope: Scope) -> syntax.Node:
 
 
 def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
-    name, arguments = node.word.name, _without_defaults(node)
+    name = node.word.name
+    arguments = _without_defaults(node)
     if name in _CONNECTIVES or name == "NOT":
         return _as_python_operator(name, arguments, scope) or node
     if name in _COMPARISONS and _all_have_type(arguments, INT, scope):

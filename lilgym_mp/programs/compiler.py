@@ -135,7 +135,8 @@ def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = co
     """
     from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 
-    closure, size = build_closure(tree := parse(source)), own_size(tree)
+    closure = build_closure(tree := parse(source))
+    size = own_size(tree)
     truths: list[bool | None] = []
     steps_left = step_limit
     for scene in scenes:

@@ -177,7 +177,8 @@ def _word_value(evaluation: Evaluation, word: Word) -> FunctionValue:
 
 
 def _lambda(node: syntax.Lambda) -> Closure:
-    parameter, body = node.parameter, build_closure(node.body)
+    parameter = node.parameter
+    body = build_closure(node.body)
     steps = costs.LAMBDA + costs.NODE * syntax.own_size(node.body)
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
@@ -220,7 +221,8 @@ def _constant(value: Any) -> Closure:
 
 
 def _member(node: syntax.Member) -> Closure:
-    of, name = build_closure(node.of), node.name
+    of = build_closure(node.of)
+    name = node.name
     owner, owner_name = (BoxView, "a box") if name in syntax.METHODS else (ItemView, "an item")
 
     def read(evaluation: Evaluation, variables: Variables) -> Any:
@@ -274,7 +276,8 @@ def _comparison(node: syntax.Comparison) -> Closure:
             (right,), right_count = evaluation.operands((right_closure,), variables)
             truth = _operate(evaluation, name, _COMPARISONS[name], left, right, left_count + right_count)
             evaluation.held -= left_count
-            left, left_count = right, right_count
+            left = right
+            left_count = right_count
             if not truth:
                 break
         evaluation.held -= left_count
@@ -297,7 +300,8 @@ def _operate(
 
 def _arithmetic(node: syntax.Arithmetic) -> Closure:
     closures = (build_closure(node.left), build_closure(node.right))
-    name, operation = node.operator, {"+": operator.add, "%": operator.mod}[node.operator]
+    name = node.operator
+    operation = {"+": operator.add, "%": operator.mod}[node.operator]
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
         (left, right), count = evaluation.operands(closures, variables)

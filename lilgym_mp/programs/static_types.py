@@ -25,7 +25,8 @@ class Many:
 
 Type = str | Many  # a str as in signatures of words: "bool", "item", "Color" ...
 BOOL, INT, ITEM, BOX, UNKNOWN = "bool", "int", "item", "box", "value"
-ITEMS, BOXES = Many(ITEM), Many(BOX)
+ITEMS = Many(ITEM)
+BOXES = Many(BOX)
 Scope = Mapping[str, Type]  # by variable
 
 _MEMBERS: Mapping[str, Type] = {"box": BOX, "color": "Color", "shape": "Shape", "size": "Size"}

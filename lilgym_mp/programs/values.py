@@ -43,7 +43,9 @@ class Side(Enum):
 
 
 ENUMS: dict[str, type[Enum]] = {"Color": Color, "Shape": Shape, "Size": Size, "Side": Side}
-_COLORS, _SHAPES, _SIZES = tuple(Color), tuple(Shape), tuple(Size)
+_COLORS = tuple(Color)
+_SHAPES = tuple(Shape)
+_SIZES = tuple(Size)
 
 
 class ItemView:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import sys
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -337,7 +338,7 @@ def word(
         called = name or cast("Any", function).__name__
         if called in WORDS:
             raise WordError(f"word {called} is already defined in {WORDS[called].function.__module__}")
-        if not inspect.getdoc(function):
+        if not inspect.getdoc(function) and sys.flags.optimize < 2:  # `python -OO` removes docstrings
             raise WordError(f"word {called} needs a docstring, which becomes its documentation")
         hints = get_type_hints(function, include_extras=True)
         if "return" not in hints:

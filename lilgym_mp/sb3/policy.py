@@ -125,7 +125,8 @@ class LilGymPolicy(MaskableActorCriticPolicy):
 
     def _states(self, observations: Mapping[str, Tensor]) -> States:
         if len(self._table) > 100_000:
-            self._table, self._texts = BoxImageTable(), {}
+            self._table = BoxImageTable()
+            self._texts = {}
         arrays = {name: values.cpu().numpy() for name, values in observations.items()}
         if ITEMS in arrays:
             boxes = self._table.item_indices(arrays[ITEMS].astype(np.int16))
@@ -138,14 +139,17 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         return self._table.states_of([*map(self._text, arrays[STATEMENT])], boxes, arrays[TARGET].reshape(-1))
 
     def _text(self, row: Any) -> str:  # of token ids (L,)
-        if (text := self._texts.get(key := row.tobytes())) is None:
+        key = row.tobytes()
+        text = self._texts.get(key)
+        if text is None:
             text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", "unknownword")
         return text
 
     def obs_to_tensor(self, observation: Any) -> tuple[dict[str, Tensor], bool]:
         """The tensors of one observation or a batch, and whether it is a batch."""
         scene = ITEMS if ITEMS in observation else IMAGE
-        shown, statements = np.asarray(observation[scene]), np.atleast_1d(observation[STATEMENT])
+        shown = np.asarray(observation[scene])
+        statements = np.atleast_1d(observation[STATEMENT])
         if statements.dtype.kind == "U":
             statements = np.stack([self.vocabulary.encode(text, self._ids.shape[0]) for text in statements.tolist()])
         is_batch = shown.ndim == 4
@@ -179,7 +183,8 @@ class EntropySchedule(BaseCallback):
 
     def __init__(self, start: float, end: float) -> None:
         super().__init__()
-        self._start, self._end = start, end
+        self._start = start
+        self._end = end
 
     def _on_rollout_start(self) -> None:
         done = min(1.0, self.num_timesteps / self.model._total_timesteps)  # pyright: ignore[reportPrivateUsage]
@@ -200,7 +205,8 @@ class Recipe(NamedTuple):
 def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> Recipe:
     """The recipe for a configuration; `environment`: other fields of `Settings`. Raises ValueError, CorpusError."""
     settings = Settings(configuration, corpus, **environment)
-    ours, words = PPORecipe.of(configuration), Vocabulary.from_statements(training_statements(settings)).words
+    ours = PPORecipe.of(configuration)
+    words = Vocabulary.from_statements(training_statements(settings)).words
     env = {
         "id": settings.id,
         "n_envs": ours.envs,
@@ -237,7 +243,8 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     if not isinstance(policy, LilGymPolicy):
         raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}")
     recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
-    names, facts = (policy.settings.configuration,), {"steps": model.num_timesteps}
+    names = (policy.settings.configuration,)
+    facts = {"steps": model.num_timesteps}
     description = describe(policy.settings, recipe, "stable-baselines3", names, policy.network, facts)
     description = replace(description, supervision=f"{description.supervision}; trained by Stable-Baselines3")
     return PPOAgent(description, policy.settings, policy.network.eval())

@@ -110,7 +110,9 @@ class Item(NamedTuple):
         """Raises SceneError naming the key, the value and the choices."""
         record = cast("Mapping[str, Any]", data)
         try:  # several times as fast as what follows, which explains faults
-            x, y, side = record["x_loc"], record["y_loc"], record["size"]
+            x = record["x_loc"]
+            y = record["y_loc"]
+            side = record["size"]
             if type(x) is type(y) is type(side) is int and len(record) == len(JSON_ITEM_KEYS):
                 return cls(x, y, *_ITEM_TYPES[record["type"], record["color"], side])
         except (KeyError, TypeError):

@@ -19,7 +19,8 @@ from lilgym_mp.scene import Box, Item, Scene
 
 PROGRAM_CACHE_SIZE = 4_096
 QUERY_CACHE_SIZE = 4_096
-BOXES, ITEMS = syntax.SceneName("all_boxes"), syntax.SceneName("all_items")
+BOXES = syntax.SceneName("all_boxes")
+ITEMS = syntax.SceneName("all_items")
 FIRST_BOX = syntax.Display(list, (syntax.Subscript(BOXES, syntax.Constant(0)),))
 EMPTY_BOX = Box()
 
@@ -150,7 +151,8 @@ def _count_query(count: syntax.Node) -> Query:
 
 
 def _value_query(tree: syntax.Node) -> Query:
-    fast, reference = generate_function(tree), build_closure(tree)
+    fast = generate_function(tree)
+    reference = build_closure(tree)
 
     def query(box: Box) -> Hashable:
         scene = Scene((box, EMPTY_BOX, EMPTY_BOX))

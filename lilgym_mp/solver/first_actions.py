@@ -101,7 +101,8 @@ class ScatterBox:
 
     def _actions_to(self, goals: set[AbstractBox]) -> Iterator[int]:
         """The actions that lead to one of these abstract boxes."""
-        from_classes, item_classes = self._abstraction.from_classes, self._item_classes
+        from_classes = self._abstraction.from_classes
+        item_classes = self._item_classes
         for item_class in range(len(self._abstraction.classes)):
             if from_classes((*item_classes, item_class)) in goals:
                 yield from self._addition_actions(self._additions(item_class))
@@ -162,7 +163,8 @@ class ScatterBox:
         chosen[self._additions(item_class)] = True
         by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
         possible = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT)
-        places, footprints = table.places[possible], possible.nonzero()[1]
+        places = table.places[possible]
+        footprints = possible.nonzero()[1]
         feasible = possible.copy()
         feasible[possible], complete = self._feasible_additions(places, footprints, remainders, budget)
         by_item_type &= feasible.reshape(-1, len(Shape), 1, len(Size))

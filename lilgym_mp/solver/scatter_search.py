@@ -116,7 +116,8 @@ class _TaskSearch:
 
         @cache
         def refined_box(index: int, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
-            box, editor = self._scene.boxes[index], self._editors[index]
+            box = self._scene.boxes[index]
+            editor = self._editors[index]
             return Refiner(path, box, editor, self._abstraction, self._budget).first()
 
         def refined(goal: Scene) -> list[BoxEdit] | NoRefinement:

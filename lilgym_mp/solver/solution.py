@@ -71,5 +71,6 @@ def value(solution: Solution, dynamics: Dynamics, discount: float = 1.0) -> floa
     if not solution.solved:
         return signals[Outcome.WRONG_STOP].reward
     edits = solution.steps - 1
-    per_edit, success = signals[Outcome.CONTINUES].reward, signals[Outcome.SUCCESS].reward
+    per_edit = signals[Outcome.CONTINUES].reward
+    success = signals[Outcome.SUCCESS].reward
     return sum(per_edit * discount**step for step in range(edits)) + success * discount**edits

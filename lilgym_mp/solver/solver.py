@@ -69,7 +69,8 @@ class Solver:
         NOT_FOUND with a lower bound of the edits in all other cases: a nearer goal, a program that relates items in
         Scatter, an exhausted budget. Raises ValueError if no action is left.
         """
-        budget, edits = Budget(self.budget), 0
+        budget = Budget(self.budget)
+        edits = 0
         reachability = self._reachability(state)
         if reachability is None:
             return not_found(0, budget)
@@ -83,7 +84,8 @@ class Solver:
     @lru_cache(CACHE_SIZE)  # noqa: B019 (of the class, so that solvers can be pickled)
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError if no action is left."""
-        max_edits, budget = self._max_edits(state), Budget(self.budget)
+        max_edits = self._max_edits(state)
+        budget = Budget(self.budget)
         if state.task.solved_by(state.scene):
             return ActionSet((self.dynamics.appearance.encode(STOP),), complete=True, steps=1)
         reachability = self._reachability(state) if self._search.is_exhaustive else None

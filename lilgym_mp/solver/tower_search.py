@@ -53,7 +53,8 @@ class _TowerBox:
     """The `BoxReachability` of Tower, where every path is feasible."""
 
     def __init__(self, index: int, layers: Layers[BoxEdit], space: ClassSpace) -> None:
-        self._index, self._layers = index, layers
+        self._index = index
+        self._layers = layers
         self.reachable = space.reachable(layers)
 
     def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[BoxEdit]:

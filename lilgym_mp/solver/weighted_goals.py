@@ -107,7 +107,8 @@ class WeightedPlanner:
         return WeightedPlan(actions, satisfied, best.mass, self.budget.spent)
 
     def _candidate(self, edits: Sequence[Action]) -> _Candidate:
-        scene, appearance = self.scene, self.dynamics.appearance
+        scene = self.scene
+        appearance = self.dynamics.appearance
         for edit in edits:
             scene = appearance.apply(scene, edit, self.dynamics.rules.placement).scene
         satisfied = frozenset(goal for goal in self._goals if compile_program(goal.program)(scene) == goal.target)
@@ -121,7 +122,8 @@ class WeightedPlanner:
             if goal not in best.satisfied and (goal.program, not goal.target) not in [one[:2] for one in required]:
                 extended, found = self._with_goal(goal, required, best)
                 if found.beats(best):
-                    required, best = extended, found
+                    required = extended
+                    best = found
         return best
 
     def _with_goal(
@@ -131,7 +133,8 @@ class WeightedPlanner:
 
         Goals of `best` that the plan no longer satisfies are required as well, the most probable first.
         """
-        extended, result = [*required, goal], best
+        extended = [*required, goal]
+        result = best
         for _ in range(MAX_REPAIRS):
             found = self._shortest(extended, len(best.edits))
             if found is None:

@@ -18,13 +18,16 @@ BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 OKABE_ITO = (BLUE, ORANGE, GREEN, VERMILION, "#cc79a7", "#56b4e9", "#f0e442", "#000000")
 HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey
 DASHES = ("-", "--", "-.", ":")
-INK, FAINT = "#1d2733", "#5b6770"
+INK = "#1d2733"
+FAINT = "#5b6770"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 FRAMES_PER_ROW = 5
-HEAD_HEIGHT, FRAME_HEIGHT = 52, 74  # pixels
+# Pixels
+HEAD_HEIGHT = 52
+FRAME_HEIGHT = 74
 DPI = 100
 SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",  # text as text
@@ -181,7 +184,8 @@ def line_chart(
         colour, _ = looks[line.agent or line.name]
         dash = DASHES[[drawn.get_color() for drawn in legend.values()].count(colour) % len(DASHES)]
         legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
-    shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2
+    shared = len({panel[2] for panel in panels}) == 1
+    width = WIDTH if columns > 1 else WIDTH // 2
     figure, grid = _empty_panels(len(panels), columns, legend, shared=shared, width=width)
     for axes, (title, x_label, y_label, lines) in zip(grid, panels, strict=True):
         style_axes(axes, title, y_label)

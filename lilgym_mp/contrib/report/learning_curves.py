@@ -13,7 +13,8 @@ from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, shown_setting
 from lilgym_mp.evaluation import CONFIGURATIONS
 
-ITEM, TITLE = "Figure 4", "Accuracy on dev while training"
+ITEM = "Figure 4"
+TITLE = "Accuracy on dev while training"
 REWARD_KEY = "nlvr_reward"  # recipe key: whether only STOP in a scene of the corpus was rewarded
 NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
@@ -29,7 +30,8 @@ NLVR_CAPTION = (
 )
 IMAGE_CAPTION = " As in the paper, Scratch tasks without a scene in the corpus are excluded."
 # Keys of an evaluation on Scratch, restricted to tasks with an image; FlipIt evaluations have only `accuracy`.
-PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
+PROGRAM_ACCURACY = "accuracy_with_image"
+IMAGE_ACCURACY = "image_accuracy"
 
 
 def dev_curves(data: ReportData) -> Iterator[Item]:

@@ -154,9 +154,11 @@ def _check_comparable(recordings: Sequence[Recording]) -> None:
     first = recordings[0]
     tasks: dict[tuple[str, str], Recording] = {}
     for recording in recordings:
-        settings, header = recording.header.settings, recording.header
+        settings = recording.header.settings
+        header = recording.header
         for key in SHARED_SETTINGS:
-            own, value = getattr(settings, key), getattr(first.header.settings, key)
+            own = getattr(settings, key)
+            value = getattr(first.header.settings, key)
             if own != value:
                 raise ReportError(
                     f"{recording.path}: {key} is {own!r}, but {value!r} in {first.path};"
@@ -225,7 +227,8 @@ def _curve(directory: Path) -> TrainingCurve:
     try:
         run = begin_run(directory, {}, resume=True)
         identity, environment = run.identity, run.identity.get("environment", {})
-        learner, configuration = str(identity.get("learner")), environment.get("configuration", "")
+        learner = str(identity.get("learner"))
+        configuration = environment.get("configuration", "")
         if configuration not in ("", *CONFIGURATIONS):
             raise ValueError(f"unknown configuration {shown(configuration)}")
         evaluations = _evaluations(run.path / EVALUATIONS_FILE)

@@ -28,7 +28,8 @@ CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
 }
 PAGE_FILE = "index.html"
 GENERATOR = '<meta name="generator" content="lilgym_mp report">'  # identifies an existing page as a report
-FIGURES, TABLES = "figures", "tables"
+FIGURES = "figures"
+TABLES = "tables"
 
 
 def chapters(data: ReportData) -> dict[str, list[Item]]:

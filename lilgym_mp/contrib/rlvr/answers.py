@@ -98,7 +98,8 @@ def _lines(text: str) -> list[str]:
 
 def _plan(lines: Sequence[str], appearance: Appearance) -> list[int]:
     plan: list[int] = []
-    candidates, is_labelled = 0, False
+    candidates = 0
+    is_labelled = False
     for line in lines:
         prefix = _prefix(line)
         rest = line[prefix.end() :]

@@ -27,8 +27,12 @@ CHECKED_SCENES = (100, 70, 40, 20)  # fewer if the program is slow
 CROWDED_SCENES = 40  # as large as the largest, on which a program must be fast enough
 LEAST_SCENES = 3  # of each truth value among those sampled
 STEP_LIMIT = 200_000  # of a program on all checked scenes together; the statement's own needs at most half of them
-WALKS, RANDOM = 96, 800  # sampled walks, and scenes besides
-CHANGED_SCENES, CHANGES = 16, 16  # scenes of the rarer value that are changed, and how often each
+# Sampled walks, and scenes besides
+WALKS = 96
+RANDOM = 800
+# Scenes of the rarer value that are changed, and how often each
+CHANGED_SCENES = 16
+CHANGES = 16
 
 # Words and signs of which each can stand in for the others
 _GROUPS = (
@@ -82,7 +86,8 @@ def checked_truths(program: str, appearance: str) -> Mapping[Scene, bool] | None
 @lru_cache(maxsize=4_096)
 def is_checkable(program: str, appearance: str) -> bool:
     """Whether other programs can be checked against it: true and false often enough, and fast enough."""
-    compiled, counts = compile_program(program), Counter[bool]()
+    compiled = compile_program(program)
+    counts = Counter[bool]()
     for scene in _scenes(appearance):
         counts[_value(compiled, scene)] += 1
         if min(counts[True], counts[False]) >= LEAST_SCENES:

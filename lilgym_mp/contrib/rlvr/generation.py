@@ -71,7 +71,9 @@ def _rows(
 ) -> Iterator[Row]:
     rng = random.Random(f"rows {seed} {level} {appearance} {split}")
     variants = _VARIANTS[kind](appearance, lengths, rng)
-    number, barren, begun = 0, 0, time.monotonic()
+    number = 0
+    barren = 0
+    begun = time.monotonic()
     for statement, program in _new_statements(appearance, level, split, rng):
         barren += 1
         if time.monotonic() - begun > seconds:
@@ -82,7 +84,9 @@ def _rows(
         for target, scene, steps in variants(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
             yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps)
-            number, barren, begun = number + 1, 0, time.monotonic()
+            number = number + 1
+            barren = 0
+            begun = time.monotonic()
 
 
 _split_of = lru_cache(maxsize=65_536)(split_of)  # most statements are of other splits, and draws repeat programs
@@ -125,7 +129,9 @@ def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task)
     the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
     sampler, solver, dynamics = sampler_of(appearance), solver_of(appearance), dynamics_of(appearance)
     min_edits = max(lengths.start - 1, 2)
-    near, distance = None, 0  # the scene to change next, and how far at least it is from the goal
+    # The scene to change next, and how far at least it is from the goal
+    near = None
+    distance = 0
     for tries in range(TRIES):
         if tries == PROBES and 2 * distance < min_edits:
             return
@@ -135,7 +141,8 @@ def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task)
         state = State(task, scene, 0)
         solution = solver.solve_distant(state, min_edits)
         if solution.least_edits >= distance:
-            near, distance = scene, solution.least_edits
+            near = scene
+            distance = solution.least_edits
         ways: list[tuple[Scene, int]] = []  # scenes at least two edits from the goal, with the actions left
         for index, action in enumerate(solution.actions[:-2]):
             if solution.steps - index in lengths:

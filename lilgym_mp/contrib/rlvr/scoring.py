@@ -47,7 +47,8 @@ def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish
     try:
         outcome, details = _CHECKS[row.kind](reply, row, thoughts)
     except NotUnderstood as error:
-        outcome, details = NOT_UNDERSTOOD, {"reason": str(error)}
+        outcome = NOT_UNDERSTOOD
+        details = {"reason": str(error)}
     return Score(float(outcome == SUCCESS), outcome, details)
 
 
@@ -159,8 +160,10 @@ class Conversation:
         if problem is None:
             self._failed, action = 0, appearance.decode(parsed.action)
             moved = self._dynamics.step(self.state, action)
-            self.state, self.done = moved.state, moved.result.ends
-            name, outcome = describe(action), str(moved.outcome)
+            self.state = moved.state
+            self.done = moved.result.ends
+            name = describe(action)
+            outcome = str(moved.outcome)
         else:
             self._failed += 1
             self.done = self._failed > self.retries

@@ -117,9 +117,13 @@ class Statements(ItemStatements):
             return self.box_count()
         program = f"All({boxes_where(self.box_tests(word, [one]))}, lambda {BOX}: {other.test(BOX)})"
         text = self.say(
-            "every_box_with", place=word, places=pluralised(word), also=self.pick("", "", " too", " as well"),
-            contents=one.contents, does=partial(self.box_verb_phrase, [other]),
-        )  # fmt: skip
+            "every_box_with",
+            place=word,
+            places=pluralised(word),
+            also=self.pick("", "", " too", " as well"),
+            contents=one.contents,
+            does=partial(self.box_verb_phrase, [other]),
+        )
         return TrainingPair(text, program)
 
     def definite_box(self) -> TrainingPair:

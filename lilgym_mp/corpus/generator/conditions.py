@@ -58,9 +58,11 @@ class BoxConditions(Writer):
 
     def two_disjoint_nouns(self) -> tuple[Noun, Noun]:
         """Noun phrases of attribute words such that no item matches both."""
-        while not disjoint(one := self.some_attributes(), other := self.some_attributes()):
-            pass
-        return Noun(one), Noun(other)
+        while True:
+            one = self.some_attributes()
+            other = self.some_attributes()
+            if disjoint(one, other):
+                return Noun(one), Noun(other)
 
     # Words about several items
 
@@ -160,12 +162,14 @@ class BoxConditions(Writer):
     # Conditions
 
     def contains(self, quantity: Quantity, noun: Noun) -> Condition:
-        text, kind = self.quantified(quantity, noun).text, "predicate" if noun.predicates else "contains"
+        text = self.quantified(quantity, noun).text
+        kind = "predicate" if noun.predicates else "contains"
         test = quantity.test(noun.in_box())
         return Condition(test, text, kind=kind, attributes=noun.attributes, min_items=quantity.low)
 
     def contains_some(self) -> Condition:
-        noun, quantity = self.some_noun(), self.quantity_in_box()
+        noun = self.some_noun()
+        quantity = self.quantity_in_box()
         return self.contains(quantity, noun)
 
     def contains_with_predicate(self) -> Condition:
@@ -181,7 +185,8 @@ class BoxConditions(Writer):
     def contains_none(self) -> Condition:
         noun = self.some_noun()
         text = self.noun(noun, plural=self.chance(0.5))
-        does, do = f"does not {self.pick('have', 'contain')}", f"do not {self.pick('have', 'contain')}"
+        does = f"does not {self.pick('have', 'contain')}"
+        do = f"do not {self.pick('have', 'contain')}"
         anything = self.pick("any ", "any ", "") + self.noun(noun, plural=True)
         without = f"without {self.pick('any ' + text, self.a(self.noun(noun, False)), self.noun(noun, True))}"
         forms = f"{does} {anything}", f"{do} {anything}"
@@ -192,7 +197,9 @@ class BoxConditions(Writer):
         attributes = self.some_attributes()
         predicate = self.attribute_predicate(attributes)
         nouns = self.described_noun(attributes, plural=True)
-        contents, modifier, forms = self.say("only", nouns=nouns), None, None
+        contents = self.say("only", nouns=nouns)
+        modifier = None
+        forms = None
         if attributes.shape is None and attributes.size is None:
             colour = predicate.complement
             contents = self.say("only_coloured", only=contents, colour=colour)
@@ -202,8 +209,10 @@ class BoxConditions(Writer):
         return Condition(test, contents, modifier, forms, kind="only")
 
     def box_variety(self) -> Condition:
-        attribute, number = self.attribute_name(), self.pick(1, 2, 2, 3, 3)
-        words, quantity = self.say(f"variety_{number}", attribute=attribute), exactly(number)
+        attribute = self.attribute_name()
+        number = self.pick(1, 2, 2, 3, 3)
+        words = self.say(f"variety_{number}", attribute=attribute)
+        quantity = exactly(number)
         if self.chance(0.2):
             side, quantity = ("least", at_least(2)) if self.chance(0.7) else ("most", Quantity(1, 2))
             words = self.say(f"variety_at_{side}_2", attribute=attribute)
@@ -270,7 +279,8 @@ class BoxConditions(Writer):
     def items_alike(self) -> Condition:
         """ "two circles of the same color" """
         attribute = self.attribute_name()
-        noun, number = Noun(self.attributes_without(attribute)), self.pick(2, 2, 2, 3)
+        noun = Noun(self.attributes_without(attribute))
+        number = self.pick(2, 2, 2, 3)
         named = f"{self.pick('', '', 'at least ')}{self.number(number)} {self.noun(noun, True)}"
         same = self.pick("of the same", "of the same", "of same", "with the same", "in the same")
         groups = f"combinations({noun.in_box()}, {number})"
@@ -319,7 +329,8 @@ class BoxConditions(Writer):
     def some_and_others(self) -> Condition:
         """ "one black item and two other items", "one black item and the rest yellow" """
         attributes = Attributes(self.colour())
-        noun, number = Noun(attributes), self.pick(1, 1, 2)
+        noun = Noun(attributes)
+        number = self.pick(1, 1, 2)
         first = self.quantified(exactly(number), noun).text
         test = f"count({noun.in_box()}) == {number}"
         if self.chance(0.5):

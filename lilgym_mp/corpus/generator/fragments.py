@@ -44,7 +44,8 @@ def at_most(count: int) -> Quantity:
     return Quantity(0, count)
 
 
-SOME, NONE = at_least(1), exactly(0)
+SOME = at_least(1)
+NONE = exactly(0)
 
 
 def boxes_where(test: str) -> str:

@@ -41,7 +41,8 @@ class ItemStatements(BoxConditions):
         return "" if self.chance(0.88) else self.say("in_total")
 
     def item_count(self) -> TrainingPair:
-        noun, quantity = self.some_noun(), self.quantity(7)
+        noun = self.some_noun()
+        quantity = self.quantity(7)
         text = self.existential(*self.quantified(quantity, noun)) + self.redundant_adverbial()
         return TrainingPair(text, quantity.test(noun.items()))
 
@@ -53,11 +54,16 @@ class ItemStatements(BoxConditions):
 
     def number_is(self) -> TrainingPair:
         """ "the number of blue blocks is three" """
-        noun, number = self.some_noun(), self.pick(1, 2, 2, 3, 3, 4, 5, 6)
+        noun = self.some_noun()
+        number = self.pick(1, 2, 2, 3, 3, 4, 5, 6)
         adverb, quantity = self.pick(
-            ("", exactly(number)), ("exactly ", exactly(number)), ("at least ", at_least(number)),
-            ("at most ", at_most(number)), ("more than ", at_least(number + 1)), ("less than ", at_most(number - 1)),
-        )  # fmt: skip
+            ("", exactly(number)),
+            ("exactly ", exactly(number)),
+            ("at least ", at_least(number)),
+            ("at most ", at_most(number)),
+            ("more than ", at_least(number + 1)),
+            ("less than ", at_most(number - 1)),
+        )
         text = f"{self.say('the_number_of')} {self.noun(noun, plural=True)} is {adverb}{self.number(number)}"
         return TrainingPair(text, quantity.test(noun.items()))
 
@@ -122,14 +128,17 @@ class ItemStatements(BoxConditions):
 
     def only_item_with_predicate(self) -> TrainingPair:
         """Exactly one such item exists, and it satisfies the predicate."""
-        noun, predicate = self.some_noun(), self.predicate()
-        one, does = self.quantified(exactly(1), noun).text, self.verb_phrase(predicate, plural=False)
+        noun = self.some_noun()
+        predicate = self.predicate()
+        one = self.quantified(exactly(1), noun).text
+        does = self.verb_phrase(predicate, plural=False)
         text = self.say("only_item", exactly_one=one, does=does, noun=self.noun(noun, plural=False))
         return TrainingPair(text, f"{exactly(1).test(noun.items())} and {SOME.test(noun.such_that(predicate).items())}")
 
     def partitive_count(self) -> TrainingPair:
         """A count of items and a count of those among them that satisfy a predicate."""
-        noun, predicate = self.some_noun(), self.predicate()
+        noun = self.some_noun()
+        predicate = self.predicate()
         total = self.pick(2, 2, 3, 3, 4)
         part = self.pick(total, 0, *range(1, total))
         named = self.quantified(exactly(total), noun).text
@@ -147,11 +156,14 @@ class ItemStatements(BoxConditions):
 
     def every_item(self) -> TrainingPair:
         """There are such items, and all satisfy the predicate."""
-        noun, predicate = self.pick(ANYTHING, *[self.some_noun()] * 4), self.predicate()
+        noun = self.pick(ANYTHING, *[self.some_noun()] * 4)
+        predicate = self.predicate()
         if self.chance(0.2):
-            noun, predicate = self.noun_with_predicates(), self.attribute_predicate(Attributes(self.colour()))
+            noun = self.noun_with_predicates()
+            predicate = self.attribute_predicate(Attributes(self.colour()))
             noun = Noun(Attributes(shape=noun.attributes.shape, size=noun.attributes.size), noun.predicates)
-        nouns, singular = self.noun(noun, plural=True), self.noun(noun, plural=False)
+        nouns = self.noun(noun, plural=True)
+        singular = self.noun(noun, plural=False)
         the_nouns = f"all the {nouns}" if nouns == singular else f"the {nouns}"
         does = partial(self.verb_phrase, predicate)
         complement = predicate.main_complement or predicate.complement
@@ -164,21 +176,27 @@ class ItemStatements(BoxConditions):
         return TrainingPair(self.say("every_item", does=does, all_do=all_do, **words), all_are(noun, predicate))
 
     def not_every_item(self) -> TrainingPair:
-        noun, predicate = self.some_noun(), replace(self.predicate(), positive=True)
+        noun = self.some_noun()
+        predicate = replace(self.predicate(), positive=True)
         negated = replace(predicate, positive=False)
-        nouns, singular = self.noun(noun, plural=True), self.noun(noun, plural=False)
-        does, does_not = partial(self.verb_phrase, predicate), partial(self.verb_phrase, negated)
+        nouns = self.noun(noun, plural=True)
+        singular = self.noun(noun, plural=False)
+        does = partial(self.verb_phrase, predicate)
+        does_not = partial(self.verb_phrase, negated)
         text = self.say("not_every_item", nouns=nouns, noun=singular, does=does, does_not=does_not)
         return TrainingPair(text, SOME.test(noun.such_that(negated).items()))
 
     def only_these(self) -> TrainingPair:
         """ "only blue circles are touching a wall": something does, and everything that does is a blue circle."""
-        attributes, predicate = self.some_attributes(), replace(self.predicate(), positive=True)
+        attributes = self.some_attributes()
+        predicate = replace(self.predicate(), positive=True)
         do = self.verb_phrase(predicate, plural=True)
         attribute_predicate = self.attribute_predicate(attributes)
-        what, nouns = attribute_predicate.complement, self.described_noun(attributes, plural=True)
+        what = attribute_predicate.complement
+        nouns = self.described_noun(attributes, plural=True)
         words = {"do": do, "nouns": nouns, "what": what, "whats": nouns if attributes.shape else what}
-        does, doing = partial(self.verb_phrase, predicate), partial(self.modifier, predicate)
+        does = partial(self.verb_phrase, predicate)
+        doing = partial(self.modifier, predicate)
         text = self.say("only_these", does=does, doing=doing, **words)
         return TrainingPair(text, all_are(Noun(predicates=(predicate,)), attribute_predicate))
 
@@ -191,9 +209,12 @@ class ItemStatements(BoxConditions):
         nouns = self.noun(noun, plural=True)
         is_shared = not self.chance(0.3)
         text = self.say(
-            "alike" if is_shared else "not_alike", nouns=nouns, noun=partial(self.noun, noun),
-            attribute=attribute, same=lambda _: self.have_same(attribute),
-        )  # fmt: skip
+            "alike" if is_shared else "not_alike",
+            nouns=nouns,
+            noun=partial(self.noun, noun),
+            attribute=attribute,
+            same=lambda _: self.have_same(attribute),
+        )
         items = noun.items()
         program = f"all_same_{attribute}({items})" if is_shared else f"ge(count(get_set_{attribute}s({items})), 2)"
         return TrainingPair(text, program)
@@ -203,7 +224,8 @@ class ItemStatements(BoxConditions):
         attribute = self.attribute_name()
         number = self.pick(1, 2, 2, 3, 3)
         words = self.say(f"variety_{number}", attribute=attribute)
-        there, picture = self.say("there_are_items"), self.word("picture")
+        there = self.say("there_are_items")
+        picture = self.word("picture")
         named = f"there {self.be(number > 1)} {words} in the {picture}"
         if attribute == "shape" and "different" not in words:
             named = f"{self.word('items')} of {words} are in the {picture}"
@@ -213,7 +235,8 @@ class ItemStatements(BoxConditions):
     def count_comparison(self) -> TrainingPair:
         """A comparison of two counts of items."""
         first, second = self.two_disjoint_nouns()
-        order, margin = self.pick("more", "more", "fewer", "equal", "more", "fewer", "equal", "at least"), None
+        order = self.pick("more", "more", "fewer", "equal", "more", "fewer", "equal", "at least")
+        margin = None
         if order == "more" and self.chance(0.15):
             margin = self.pick(1, 1, 2, 3)
         text = self.say("there_is_comparison", words=self.comparison(first, second, order, margin))
@@ -229,9 +252,14 @@ class ItemStatements(BoxConditions):
         """A conjunction or disjunction of two statements."""
         one, other = self.simple_statement(), self.simple_statement()
         words, operator = self.pick(
-            (" and ", "and"), (", and ", "and"), (" and ", "and"), (", but ", "and"), (" or ", "or"),
-            (", while ", "and"), (". also ", "and"),
-        )  # fmt: skip
+            (" and ", "and"),
+            (", and ", "and"),
+            (" and ", "and"),
+            (", but ", "and"),
+            (" or ", "or"),
+            (", while ", "and"),
+            (". also ", "and"),
+        )
         second = other.statement
         if one.statement.startswith("there ") and second.startswith(("there is ", "there are ")) and self.chance(0.5):
             second = second.split(" ", 2)[2]
@@ -253,10 +281,12 @@ class ItemStatements(BoxConditions):
 
     def both_items(self) -> TrainingPair:
         """ "both black triangles touch a wall" """
-        noun, predicate = self.some_noun(), self.predicate()
+        noun = self.some_noun()
+        predicate = self.predicate()
         nouns = self.noun(noun, plural=True)
         if self.chance(0.2):
-            two, positive = self.pick("two ", ""), replace(predicate, positive=True)
+            two = self.pick("two ", "")
+            positive = replace(predicate, positive=True)
             text = f"neither of the {two}{nouns} {self.verb_phrase(positive, plural=False)}"
             predicate = replace(predicate, positive=False)
         else:
@@ -271,18 +301,21 @@ class ItemStatements(BoxConditions):
         predicate = self.attribute_predicate(Attributes(self.colour())) if coloured else self.predicate()
         predicate, negated = (replace(predicate, positive=positive) for positive in (True, False))
         number = self.pick(1, 1, 1, 2)
-        nouns, do = self.noun(noun, plural=True), self.verb_phrase(predicate, plural=True)
+        nouns = self.noun(noun, plural=True)
+        do = self.verb_phrase(predicate, plural=True)
         text = self.say("all_but_some", nouns=nouns, count=self.number(number), do=do)
         others = exactly(number).test(noun.such_that(negated).items())
         return TrainingPair(text, f"{SOME.test(noun.such_that(predicate).items())} and {others}")
 
     def most_items(self) -> TrainingPair:
         """ "most circles are blue" """
-        noun, predicate = self.some_noun(), replace(self.predicate(), positive=True)
+        noun = self.some_noun()
+        predicate = replace(self.predicate(), positive=True)
         if self.chance(0.5):
             predicate = self.attribute_predicate(Attributes(self.colour()))
             noun = Noun(Attributes(shape=noun.attributes.shape))
-        nouns, verb_phrase = self.noun(noun, plural=True), self.verb_phrase(predicate, plural=True)
+        nouns = self.noun(noun, plural=True)
+        verb_phrase = self.verb_phrase(predicate, plural=True)
         others = noun.such_that(replace(predicate, positive=False)).items()
         program = f"count({noun.such_that(predicate).items()}) > count({others})"
         return TrainingPair(f"{self.say('most')} {nouns} {verb_phrase}", program)
@@ -291,7 +324,8 @@ class ItemStatements(BoxConditions):
         """ "no two items are the same color" """
         attribute = self.attribute_name()
         noun = Noun(self.attributes_without(attribute))
-        nouns, same = self.noun(noun, plural=True), self.have_same(attribute)
+        nouns = self.noun(noun, plural=True)
+        same = self.have_same(attribute)
         text = self.say("no_two_items_alike", nouns=nouns, attribute=attribute, same=same)
         items = noun.items()
         return TrainingPair(text, f"exist({items}) and count({items}) == count(get_set_{attribute}s({items}))")

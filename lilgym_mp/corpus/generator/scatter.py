@@ -41,14 +41,19 @@ class ScatterStatements(Statements):
 
     def predicate(self) -> Predicate:
         return self.drawn(
-            (0.56, self.wall_predicate), (0.7, self.corner_predicate), (0.86, self.beside_predicate),
-            (0.9, self.height_predicate), (0.96, self.box_predicate), (1, self.only_in_box_predicate),
-        )()  # fmt: skip
+            (0.56, self.wall_predicate),
+            (0.7, self.corner_predicate),
+            (0.86, self.beside_predicate),
+            (0.9, self.height_predicate),
+            (0.96, self.box_predicate),
+            (1, self.only_in_box_predicate),
+        )()
 
     def box_predicate(self) -> Predicate:
         index = int(self.rng.random() * 3)
         name = self.pick(("left", "middle", "right"), ("first", "second", "third"))[index]
-        test, positive = f"@.box == all_boxes[{index}]", self.chance(0.9)
+        test = f"@.box == all_boxes[{index}]"
+        positive = self.chance(0.9)
         return Predicate(f"in the {name} {self.word('box')}", test, positive=positive, kind="box")
 
     def touching_words(self) -> tuple[str, bool]:
@@ -84,7 +89,8 @@ class ScatterStatements(Statements):
             sides = ("LEFT", "RIGHT") if part == "side" else (ITEM_SIDES.get(part, part.split()[0].upper()),)
             return f"{self.say('with_wall').replace('a edge', 'an edge')} with its {part}", sides
         side = self.pick("left", "right", "bottom", "bottom", "bottom", "top", "top")
-        adjective, wording = self.say(f"side_{side}"), f"wall_{side}" if side in ("bottom", "top") else "wall_side"
+        adjective = self.say(f"side_{side}")
+        wording = f"wall_{side}" if side in ("bottom", "top") else "wall_side"
         return self.say(wording, adjective=adjective, of_box=of_box), (side.upper(),)
 
     def corner_predicate(self) -> Predicate:
@@ -103,7 +109,8 @@ class ScatterStatements(Statements):
         return Predicate(f"{touching} {corner}", f"{function}(@)", forms, positive, negated, kind="wall")
 
     def specific_corner(self, of_box: str, positive: bool) -> Predicate:
-        vertical, horizontal = self.pick("top", "bottom"), self.pick("left", "right")
+        vertical = self.pick("top", "bottom")
+        horizontal = self.pick("left", "right")
         separator = self.pick(" ", "-", " ", " hand ")
         first = self.say(f"side_{vertical}")
         side = f" {horizontal} hand" if separator == " hand " else f"{separator}{horizontal}"
@@ -126,7 +133,8 @@ class ScatterStatements(Statements):
         function = "get_closely_touching" if close else "get_touching"
         noun = self.other_noun()
         if noun == ANYTHING and self.chance(0.6):
-            complement, positive = f"{touching} {self.say('another')}", self.chance(0.8)
+            complement = f"{touching} {self.say('another')}"
+            positive = self.chance(0.8)
             return Predicate(complement, f"exist({function}(@))", positive=positive, kind="beside")
         return self.relation_predicate("beside", function, noun, positive=self.chance(0.88), touching=touching)
 
@@ -161,9 +169,11 @@ class ScatterStatements(Statements):
         close = relation.startswith(("close", "nearly"))
         program = noun.related("get_closely_touching" if close else "get_touching")
         pairs = noun.such_that(Predicate(relation, program)).items()
-        there, test = self.say("there_are_two"), f"exist({pairs})"
+        there = self.say("there_are_two")
+        test = f"exist({pairs})"
         if self.chance(0.2):
-            there, test = self.pick("there are no", "no"), f"NOT({test})"
+            there = self.pick("there are no", "no")
+            test = f"NOT({test})"
         return TrainingPair(f"{there} {nouns} {relation}", test)
 
     def item_in_box(self) -> TrainingPair:
@@ -182,7 +192,8 @@ class ScatterStatements(Statements):
 
     def two_walls(self) -> TrainingPair:
         """Items that touch two walls, or exactly one."""
-        attributes, two = self.some_attributes(), self.say("two_walls")
+        attributes = self.some_attributes()
+        two = self.say("two_walls")
         touching = self.pick("touching", "touching", "almost touching")
         test = "is_touching_corner(@)" if touching == "touching" else "is_closely_touching_corner(@)"
         predicate = Predicate(f"{touching} {two}", test, positive=self.chance(0.9), kind="wall")

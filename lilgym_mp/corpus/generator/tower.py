@@ -67,10 +67,14 @@ class TowerStatements(Statements):
 
     def predicate(self) -> Predicate:
         return self.drawn(
-            (0.38, self.position_predicate), (0.66, self.stacked_predicate), (0.74, self.between_predicate),
-            (0.8, self.height_predicate), (0.86, self.floor_predicate), (0.92, self.beside_predicate),
+            (0.38, self.position_predicate),
+            (0.66, self.stacked_predicate),
+            (0.74, self.between_predicate),
+            (0.8, self.height_predicate),
+            (0.86, self.floor_predicate),
+            (0.92, self.beside_predicate),
             (1, self.box_predicate),
-        )()  # fmt: skip
+        )()
 
     def box_predicate(self) -> Predicate:
         index = int(self.rng.random() * 3)
@@ -84,9 +88,12 @@ class TowerStatements(Statements):
         main_complement = without_as if without_as != complement else None
         positive = position in ("second", "third") or self.chance(0.9)
         return Predicate(
-            complement if positive else without_as, f"is_{position}(@)",
-            positive=positive, kind="place", main_complement=main_complement,
-        )  # fmt: skip
+            complement if positive else without_as,
+            f"is_{position}(@)",
+            positive=positive,
+            kind="place",
+            main_complement=main_complement,
+        )
 
     def stacked_predicate(self) -> Predicate:
         positive = self.chance(0.93)
@@ -126,7 +133,8 @@ class TowerStatements(Statements):
     def floor_predicate(self) -> Predicate:
         floor = self.say("floor")
         bottom = ("wall" not in floor and "edge" not in floor) or "bottom" in floor
-        test, forms = f"is_touching_wall(@{', Side.BOTTOM' if bottom else ''})", verb_forms(f"touches {floor}")
+        test = f"is_touching_wall(@{', Side.BOTTOM' if bottom else ''})"
+        forms = verb_forms(f"touches {floor}")
         return Predicate(f"touching {floor}", test, forms, self.chance(0.85), kind="place")
 
     # Conditions
@@ -142,7 +150,8 @@ class TowerStatements(Statements):
             return self.total(quantity, text)
         number_text = self.number(number)
         nouns = f"{number_text} {self.noun(ANYTHING, number > 1)}"
-        modifier, verb_phrase = self.say("of_height", nouns=nouns, number=number_text), self.say("is_high", nouns=nouns)
+        modifier = self.say("of_height", nouns=nouns, number=number_text)
+        verb_phrase = self.say("is_high", nouns=nouns)
         return self.total(quantity, text, modifier or None, verb_forms(verb_phrase) if verb_phrase else None)
 
     def position_colour(self) -> Condition:
@@ -151,18 +160,26 @@ class TowerStatements(Statements):
         attributes = Attributes(self.colour())
         if position == "middle":
             return self.middle_colour(attributes)
-        block, colour = self.indefinite(Noun(attributes)), attributes.colours[0]
+        block = self.indefinite(Noun(attributes))
+        colour = attributes.colours[0]
         at_end = position in ("top", "bottom")
         place = self.say(f"at_{position}") if at_end else self.say(f"place_{position}", a_tower=self.a_tower())
-        contents, forms = f"{block} {place}", None
+        contents = f"{block} {place}"
+        forms = None
         if position == "second" and self.chance(0.4):
             contents = self.say("second_colour", block=block, colour=colour)
         if at_end:
             name = self.say(f"name_{position}")
             contents = self.say(
-                "end_colour", contents=contents, block=block, colour=colour, name=name, place=place,
-                end=f"{name} {self.word('item')}" if len(name) < 7 else name, a_colour=lambda _: self.a(colour),
-            )  # fmt: skip
+                "end_colour",
+                contents=contents,
+                block=block,
+                colour=colour,
+                name=name,
+                place=place,
+                end=f"{name} {self.word('item')}" if len(name) < 7 else name,
+                a_colour=lambda _: self.a(colour),
+            )
             verb_phrase = self.say(f"does_at_{position}", block=block)
             forms = verb_forms(verb_phrase) if verb_phrase else None
         least = {"second": 2, "third": 3}.get(position, 1)
@@ -171,7 +188,8 @@ class TowerStatements(Statements):
 
     def middle_colour(self, attributes: Attributes) -> Condition:
         """The colour of the middle block of three."""
-        block, colour = self.indefinite(Noun(attributes)), attributes.colours[0]
+        block = self.indefinite(Noun(attributes))
+        colour = attributes.colours[0]
         contents = self.say("middle_colour", block=block, colour=colour, a_colour=lambda _: self.a(colour))
         test = f"count({ITEMS}) == 3 and {coloured_at('second', attributes)}"
         return Condition(test, contents, kind="middle", min_items=3, max_items=3)
@@ -184,14 +202,20 @@ class TowerStatements(Statements):
             contents = self.say("same_two_ends", nouns=partial(self.noun, Noun(upper)), colour=top)
         else:
             contents = self.say(
-                "two_ends", top=top, base=base, a_top=lambda _: self.a(top), a_base=lambda _: self.a(base),
-                upper=lambda _: self.indefinite(Noun(upper)), lower=lambda _: self.indefinite(Noun(lower)),
-            )  # fmt: skip
+                "two_ends",
+                top=top,
+                base=base,
+                a_top=lambda _: self.a(top),
+                a_base=lambda _: self.a(base),
+                upper=lambda _: self.indefinite(Noun(upper)),
+                lower=lambda _: self.indefinite(Noun(lower)),
+            )
         return Condition(f"{coloured_at('top', upper)} and {coloured_at('bottom', lower)}", contents, kind="ends")
 
     def same_ends(self) -> Condition:
         same = self.chance(0.65)
-        ends, what = self.say("same_ends"), self.say("of_same_colour" if same else "of_different_colours")
+        ends = self.say("same_ends")
+        what = self.say("of_same_colour" if same else "of_different_colours")
         at_ends = f"has {'the same color' if same else 'different colors'} at the top and the base"
         forms = verb_forms(at_ends) if self.chance(0.3) else None
         both = f"filter_obj({ITEMS}, lambda x: is_top(x) or is_bottom(x))"
@@ -325,7 +349,8 @@ class TowerStatements(Statements):
         plural = not subject.startswith(("every", "each"))
         names = {name: self.say(f"alike_{name}") for name in ("height", "top", "bottom")}
         if not same:
-            subject, plural = self.say("not_all_towers"), True
+            subject = self.say("not_all_towers")
+            plural = True
         text = f"{subject} {self.verb('has', plural)} {self.pick('the same', 'the same', 'same')} {names[what]}"
         if what == "height":
             test = f"all_same_attribute({TOWERS}, lambda b: count(b.all_items_in_box()))"
@@ -345,7 +370,8 @@ class TowerStatements(Statements):
             pair = f"two {self.word('items')} of the same color {relation}"
             text = self.say("there_are_two", pair=pair)
             return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {ON_SAME_COLOUR}))")
-        below, number = f"exist({noun.items('get_below(x)', 'y')})", self.pick("two", "2")
+        below = f"exist({noun.items('get_below(x)', 'y')})"
+        number = self.pick("two", "2")
         if draw > 0.5:
             number = self.pick("three", "3")
             lower = f"exist({noun.items('get_below(y)', 'z')})"
@@ -384,7 +410,8 @@ class TowerStatements(Statements):
             named = f"{named} {self.box_modifier([condition], words.plural)}"
         if quantity == SOME and self.chance(0.2):
             adverb = self.pick("all ", "only ", "completely ", "")
-            text, test = f"one of the {self.word('towers')} is {adverb}{colour}", one_colour
+            text = f"one of the {self.word('towers')} is {adverb}{colour}"
+            test = one_colour
         else:
             text = self.existential(named, words.plural)
         return TrainingPair(text, quantity.test(boxes_where(test)))

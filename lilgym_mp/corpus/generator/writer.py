@@ -21,7 +21,8 @@ from lilgym_mp.scene.choices import article
 
 HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
-COLOURS, SHAPES = ("yellow", "black", "blue"), ("circle", "square", "triangle")
+COLOURS = ("yellow", "black", "blue")
+SHAPES = ("circle", "square", "triangle")
 VALUES = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}
 NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 IRREGULAR_PLURALS = {"is": "are", "has": "have", "does": "do", "touches": "touch"}  # plurals of verbs
@@ -116,7 +117,9 @@ class Noun:
 
     def items(self, source: str = ALL_ITEMS, variable: str = "x") -> str:
         """Program text: the items of `source` that the noun phrase denotes."""
-        colours, shape, tests = self.attributes.colours, self.attributes.shape, self.tests()
+        colours = self.attributes.colours
+        shape = self.attributes.shape
+        tests = self.tests()
         if not self.predicates and len(tests) == 1 and len(colours) == 1:
             return f"filter_color({source}, Color.{colours[0].upper()})"
         if not self.predicates and len(tests) == 1 and shape is not None:
@@ -193,7 +196,8 @@ class Writer:
         words = {name: self.rng.choice(options) for name, options in self.book.style.items()}
         words |= {pluralised(name): pluralised(word) for name, word in words.items()}
         words["picture"] = self.rng.choice(("picture", "image", "picture", "image"))
-        digits, sloppy = self.chance(0.4), self.chance(0.2)
+        digits = self.chance(0.4)
+        sloppy = self.chance(0.2)
         words["one"], words["two"], words["three"] = "123" if digits else NUMBER_WORDS[1:4]
         return Style(words, digits, sloppy)
 
@@ -248,7 +252,8 @@ class Writer:
         if self.chance(none):
             return NONE
         number = min(max_count, self.pick(1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7))
-        either, bounded = Quantity(number, number + 1), ((0.92, at_least(number)), (0.97, at_most(number)))
+        either = Quantity(number, number + 1)
+        bounded = ((0.92, at_least(number)), (0.97, at_most(number)))
         found = self.drawn((0.38, SOME), (0.72, exactly(number)), *bounded, (0.985, None), (1, either))
         if found is None:
             return Quantity(self.pick(2, 3, 3, 4), None, vague=True) if max_count >= 4 else either

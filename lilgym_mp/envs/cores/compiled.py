@@ -39,7 +39,8 @@ class CompiledCore(Core):
         super().__init__(dynamics, tasks, buffers)
         results = dynamics.step_results
         self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
-        rows, capacity = BOX_COUNT * len(buffers.action), buffers.items.shape[2]
+        rows = BOX_COUNT * len(buffers.action)
+        capacity = buffers.items.shape[2]
         side = BOX_SIDE // shrink_of(image_size)
         self._image_size = image_size
         self._drawing = _drawing(image_size)
@@ -142,8 +143,10 @@ def _drawing(image_size: str) -> DrawingTables:
     shrink = shrink_of(image_size)
     side = LARGEST_PATCH // shrink
     kinds = (ITEM_TYPE_COUNT, 2, 2)
-    runs, run_counts = np.zeros((*kinds, side, 2), np.int64), np.zeros(kinds, np.int64)
-    edges, edge_counts = np.zeros((*kinds, side**2, 3), np.int64), np.zeros(kinds, np.int64)
+    runs = np.zeros((*kinds, side, 2), np.int64)
+    run_counts = np.zeros(kinds, np.int64)
+    edges = np.zeros((*kinds, side**2, 3), np.int64)
+    edge_counts = np.zeros(kinds, np.int64)
     lines = np.empty((ITEM_TYPE_COUNT + 1, side, 3), np.uint8)
     weights, colours = palette(shrink)
     lines[ITEM_TYPE_COUNT] = colours[0]

@@ -19,7 +19,9 @@ from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
-NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
+# Sentinels instead of a program's index
+NOT_COMPILED = -1
+UNSUPPORTED = -2
 
 
 class BoxLowering(ABC):

@@ -38,7 +38,9 @@ class ScalarCore(Core):
             self._canvases[env_id].show(self._scenes[env_id])
 
     def step(self, env_ids: Int64Array | None) -> None:
-        buffers, dynamics, scenes = self._buffers, self.dynamics, self._scenes
+        buffers = self._buffers
+        dynamics = self.dynamics
+        scenes = self._scenes
         for env_id in (self._all_env_ids if env_ids is None else env_ids).tolist():
             action = dynamics.appearance.decode(int(buffers.action[env_id]))
             before = State(self._tasks[buffers.task[env_id]], scenes[env_id], int(buffers.steps[env_id]))
@@ -54,7 +56,8 @@ class ScalarCore(Core):
         return [self._scenes[env_id] for env_id in env_ids.tolist()]
 
     def write_masks(self) -> None:
-        masks, legal_mask = self._buffers.mask, self.dynamics.appearance.legal_mask
+        masks = self._buffers.mask
+        legal_mask = self.dynamics.appearance.legal_mask
         placement = self.dynamics.rules.placement
         for env_id, scene in enumerate(self._scenes):
             masks[env_id] = legal_mask(scene, placement)

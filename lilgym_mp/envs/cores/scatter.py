@@ -36,7 +36,8 @@ class ScatterCore(CompiledCore):
     def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers, image_size, ItemBoxLowering())
         count = len(buffers.action)
-        appearance, placement = cast(Scatter, dynamics.appearance), dynamics.rules.placement
+        appearance = cast(Scatter, dynamics.appearance)
+        placement = dynamics.rules.placement
         self._tables = grid_tables(appearance, placement)
         self._places = cell_places(*appearance.cell, searches=appearance.searches(placement))
         self._scratch = np.empty(self._places.empty.shape[2], np.uint64)
@@ -64,8 +65,11 @@ class ScatterCore(CompiledCore):
             self._buffers.image[env_id] = draw(scene, self._image_size)
 
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        tables, drawing, current = self._tables, self._drawing, self._current
-        reasons, ties = np.empty(len(env_ids), np.int64), np.empty((len(env_ids), 3), np.int64)
+        tables = self._tables
+        drawing = self._drawing
+        current = self._current
+        reasons = np.empty(len(env_ids), np.int64)
+        ties = np.empty((len(env_ids), 3), np.int64)
         tied = kernels.edit_scatter_scenes(
             tables, self._places, drawing, current, env_ids, actions, applies, reasons, ties, self._scratch
         )
@@ -93,7 +97,8 @@ class ScatterCore(CompiledCore):
     def _update_boxes(self, env_ids: Int64Array, boxes: Int64Array) -> None:
         """Updates boxes (k,) of `_scenes` of environments (k,); other boxes are shared with the scene before."""
         rows = env_ids * BOX_COUNT + boxes
-        counts, scenes = self._current.counts.take(rows), self._scenes
+        counts = self._current.counts.take(rows)
+        scenes = self._scenes
         codes = self._current.items.take(rows, 0)[:, : int(counts.max())].tolist()
         for env_id, box, count, items in zip(env_ids.tolist(), boxes.tolist(), counts.tolist(), codes, strict=True):
             scenes[env_id] = scenes[env_id].with_box(box, Box(tuple(map(_cached_item, items[:count]))))

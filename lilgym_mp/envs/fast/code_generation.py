@@ -130,7 +130,8 @@ class Generator:
             inner = Generator(self.context, kernel=True)
             before = self.context.steps_left
             value = lower_body(inner)
-            steps, self.context.steps_left = before - self.context.steps_left, before
+            steps = before - self.context.steps_left
+            self.context.steps_left = before
             code = value.code if isinstance(value, ir.Bool) else value.mask
             self.context.size_left -= code.size
             if self.context.size_left < 0:
@@ -446,7 +447,8 @@ class Generator:
         return ir.StaticList(collection.elements, tuple(conditions))
 
     def element_condition(self, function: Lambda, element: ir.Value, scope: ir.Scope, *, strict: bool) -> ir.Bool:
-        parameter, body = function.parameter, function.body
+        parameter = function.parameter
+        body = function.body
         self.charge_lambda(body)
         if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(function):
             return self.condition(body, {**scope, parameter: element}, strict=strict)

@@ -191,7 +191,8 @@ class ItemRef(Coded):
     box: str
 
 
-TRUE, FALSE = Bool(Number(True)), Bool(Number(False))
+TRUE = Bool(Number(True))
+FALSE = Bool(Number(False))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ CALLS = {  # operators that are not written between their operands
 def scene_function(code: ir.Code) -> Callable[[Scene], bool]:
     """The function of a scene whose value is the code's."""
     printer = _Printer()
-    text, boxes = printer.text(code), ", ".join(ir.BOXES)
+    text = printer.text(code)
+    boxes = ", ".join(ir.BOXES)
     source = f"def evaluate(scene):\n    {boxes} = scene.boxes\n{printer.lines()}    return bool({text})\n"
     return _compiled(source, printer.names, "evaluate")
 
@@ -85,7 +86,8 @@ class _Printer:
                 raise AssertionError(code)
 
     def _call(self, call: ir.BoxCall, in_loop: bool) -> str:
-        name, function = f"word_{call.name}", call.function
+        name = f"word_{call.name}"
+        function = call.function
         if call.kernel is not None:
             name = self._kernels.setdefault(call.kernel, f"kernel{len(self._kernels)}")
             self.names[f"{name}_object"] = call.kernel  # which keeps it alive, so that other programs share it

@@ -64,7 +64,8 @@ def _lower_set(s: ir.Value) -> ir.Items | ir.AttributeSet:
 
 
 def _lower_set_operation(sign: str, a: ir.Value, b: ir.Value) -> ir.Value:
-    a, b = _lower_set(a), _lower_set(b)
+    a = _lower_set(a)
+    b = _lower_set(b)
     if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
         return ir.AttributeSet(ir.operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
     if isinstance(a, ir.Items) and isinstance(b, ir.Items):
@@ -75,7 +76,8 @@ def _lower_set_operation(sign: str, a: ir.Value, b: ir.Value) -> ir.Value:
 
 
 def _lower_contained(a: ir.Value, b: ir.Value) -> ir.Bool:
-    a, b = _lower_set(a), _lower_set(b)
+    a = _lower_set(a)
+    b = _lower_set(b)
     if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
         outside = ir.operate("&", a.code, ir.operate("~", b.code))
         return ir.Bool(ir.operate("==", outside, ir.Number(0)), ir.all_total((a, b)))

@@ -38,7 +38,8 @@ from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
 CHANNELS = 32  # channels of a patch
-MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
+MIDDLE_GREY = 127.5
+HALF_RANGE = 127.5
 CHUNK = 256  # states per pass through the cell head, to stay in the CPU cache
 SMALL_GAIN = 0.01  # gain of the last layers, so that training starts from a nearly uniform policy
 MAX_CACHED = 20_000  # statements, and boxes; 8,192 boxes take 30 MB
@@ -133,10 +134,12 @@ class BoxTransformer(Model):
         device = self.value.weight.device
         statements = self._encode_statements(states.statements)
         boxes = self._encode_boxes(states)
-        count, box_count = len(states.statements), len(states.box_hashes)
+        count = len(states.statements)
+        box_count = len(states.box_hashes)
         codes, pair_of = np.unique(states.statement_of[:, None] * box_count + states.boxes_of, return_inverse=True)
         owners, box_of = np.divmod(codes, box_count)  # (R,) statement and box of each distinct pair
-        packing, pairs_of = _packing(owners, count, device), torch.from_numpy(pair_of.reshape(-1, BOX_COUNT)).to(device)
+        packing = _packing(owners, count, device)
+        pairs_of = torch.from_numpy(pair_of.reshape(-1, BOX_COUNT)).to(device)
         pairs = boxes.vectors.index_select(0, torch.from_numpy(box_of).to(device))  # (R, d)
         layers = zip(statements.key_values, self.readings, self.feedforwards, strict=False)
         for key_value, attention, feedforward in layers:
@@ -218,9 +221,11 @@ class BoxTransformer(Model):
 
 def _packing(owners: Int64Array, statements: int, device: torch.device) -> Packing:
     """Rows (R,) grouped by the statements that own them, in order, and padded to as many rows of each."""
-    rows, order = np.arange(len(owners)), np.argsort(owners, kind="stable")
+    rows = np.arange(len(owners))
+    order = np.argsort(owners, kind="stable")
     counts = np.bincount(owners, minlength=statements)
-    firsts, most = counts.cumsum() - counts, int(counts.max())
+    firsts = counts.cumsum() - counts
+    most = int(counts.max())
     positions = np.empty(len(order), np.int64)
     positions[order] = owners[order] * most + rows - firsts[owners[order]]
     padded = np.zeros(statements * most, np.int64)

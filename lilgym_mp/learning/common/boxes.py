@@ -69,7 +69,9 @@ class FeatureTable(BoxIndex, ABC):
             return
         most = max(len(box.items) for box in new)
         if most > self.item_capacity:  # all anew, in larger arrays
-            self.item_capacity, self._updated, new = most, 0, self.boxes
+            self.item_capacity = most
+            self._updated = 0
+            new = self.boxes
         for name, rows in self.columns(new, item_arrays(new, self.item_capacity)).items():
             setattr(self, name, np.concatenate([getattr(self, name), rows]) if self._updated else rows)
         self._updated = len(self.boxes)
@@ -87,6 +89,7 @@ def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
 @cache
 def box_distances() -> Int64Array:
     """(121, 121) edits from one box to another."""
-    colours, heights = tower_tables().colours, tower_tables().heights
+    colours = tower_tables().colours
+    heights = tower_tables().heights
     equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
     return heights[:, None] + heights[None] - 2 * np.cumprod(equal, axis=2).sum(2)

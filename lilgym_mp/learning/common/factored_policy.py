@@ -96,7 +96,8 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
         item_type_count = len(Colour)
     else:
         columns, rows, *item = slots
-        cells, item_types = _cells(appearance.grid, columns, rows), item_type_of(*item)
+        cells = _cells(appearance.grid, columns, rows)
+        item_types = item_type_of(*item)
         item_type_count = len(ITEM_TYPES)
         if not separators:
             height, width, _ = box_cells(appearance.grid)
@@ -207,7 +208,8 @@ class FactoredPolicy:
         types = _sample(as_numpy(self.type_log_probs), rng.random(count))
         choices: list[Int64Array] = []
         for head, logits in zip(self.factorisation.heads, self._heads, strict=True):
-            sampled, uniforms = np.zeros(count, np.int64), rng.random(count)
+            sampled = np.zeros(count, np.int64)
+            uniforms = rng.random(count)
             used = np.isin(types, head.types)
             sampled[used] = _sample(as_numpy(logits)[used], uniforms[used])
             choices.append(sampled)
@@ -255,7 +257,8 @@ class _LogProbAndEntropy(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, logits: Tensor, choices: Tensor) -> tuple[Tensor, Tensor]:
-        log_probs, entropies = logits.new_empty(len(logits)), logits.new_empty(len(logits))
+        log_probs = logits.new_empty(len(logits))
+        entropies = logits.new_empty(len(logits))
         for rows in _chunks(logits):
             logs = torch.log_softmax(logits[rows], 1)
             log_probs[rows] = logs.gather(1, choices[rows, None]).squeeze(1)

@@ -75,7 +75,9 @@ class Collector:
     """Plays episodes of edits and a STOP, from the starts of an entry's tasks."""
 
     def __init__(self, dynamics: Dynamics, table: BoxIndex, rng: Rng) -> None:
-        self.dynamics, self.table, self.rng = dynamics, table, rng
+        self.dynamics = dynamics
+        self.table = table
+        self.rng = rng
         self.stops = self.steps = 0
 
     def stop(self, entry: Entry, task_index: int, scene: Scene, edits: int) -> int:
@@ -126,7 +128,9 @@ class Collector:
             after = self.edited(scene)
             if after is None:
                 return
-            scene, edits, before = after, edits + 1, index
+            scene = after
+            edits = edits + 1
+            before = index
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)
             task_index, edits = entry.ways[index]
@@ -156,7 +160,8 @@ class Collector:
             found = [[self.edited(scene) or scene for _ in range(CLIMB_WIDTH)] for scene in scenes]
             best = np.where(wanted[:, None], 1, -1) * judge(found)
             for row, choice in enumerate(best.argmax(1).tolist()):
-                entry, before = entries[row], current[row]
+                entry = entries[row]
+                before = current[row]
                 task_index, edits = entry.ways[before]
                 if edits + 1 >= self.dynamics.horizon:
                     current[row] = self.begin(entry)
@@ -196,7 +201,8 @@ class Collector:
 
     def _random_edit(self, scene: Scene) -> Action:
         """In a grid, where a random REMOVE would rarely find an item, one of an item's cell as often as an ADD."""
-        rng, appearance = self.rng, self.dynamics.appearance
+        rng = self.rng
+        appearance = self.dynamics.appearance
         if appearance.grid is None:
             return appearance.decode(1 + int(rng.integers(appearance.action_count - 1)))
         width, height = IMAGE_WIDTH // appearance.grid[0], IMAGE_HEIGHT // appearance.grid[1]

@@ -66,9 +66,13 @@ class SeparateCritic(Model):
     def __init__(self, actor: Model, critic: Model) -> None:
         super().__init__()
         self.factorisation = actor.factorisation
-        self.pretraining, self.restriction = actor.pretraining, actor.restriction
-        self.actor, self.critic = actor, critic
-        self.has_fixed_inputs, self.inputs, self.fixed_inputs = actor.has_fixed_inputs, actor.inputs, actor.fixed_inputs
+        self.pretraining = actor.pretraining
+        self.restriction = actor.restriction
+        self.actor = actor
+        self.critic = critic
+        self.has_fixed_inputs = actor.has_fixed_inputs
+        self.inputs = actor.inputs
+        self.fixed_inputs = actor.fixed_inputs
 
     def forward(self, states: Any) -> Prediction:
         return self.actor(states)._replace(values=self.critic(states).values)

@@ -65,7 +65,8 @@ class PlanPolicy(Policy):
         for row, (episode, step) in enumerate(
             zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
         ):
-            image, statement = observations.images[row], observations.statements[row]
+            image = observations.images[row]
+            statement = observations.statements[row]
             episode_plan = self._episode_plans.pop(episode, None) if step else None
             if episode_plan is None or not np.array_equal(draw(episode_plan.scene, "half"), image):
                 episode_plan = self._new_plan(image, statement, bool(observations.targets[row]), step)

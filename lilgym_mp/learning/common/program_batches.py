@@ -94,12 +94,16 @@ class ProgramTrainer:
         rng: random.Random,
     ) -> None:
         """`indices`: the word and token indices of a pair."""
-        self.network, self._recipe = network, recipe
+        self.network = network
+        self._recipe = recipe
         self.optimiser = torch.optim.AdamW(
             network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         self._device = network.logits.weight.device
-        self._corpus, self._generated, self._indices, self._rng = corpus, generated, indices, rng
+        self._corpus = corpus
+        self._generated = generated
+        self._indices = indices
+        self._rng = rng
         self._done = 0.0
         self._batches = self._sampled()
 

@@ -85,7 +85,9 @@ class TrainingRun(ABC):
     def __init__(self, out: Path, budget: Budget, session: Session) -> None:
         """`out`: the run directory, empty or new unless the run is resumed. Raises ValueError for an invalid budget."""
         budget.check()
-        self.budget, self.out, self.resume = budget, out, session.get("resume", False)
+        self.budget = budget
+        self.out = out
+        self.resume = session.get("resume", False)
         self.device = select_device(session.get("device", "auto"))
         self.say = session.get("say", lambda text: None)
         self._on_progress = session.get("on_progress", lambda line: None)
@@ -197,7 +199,8 @@ class TrainingRun(ABC):
                 now = self.seconds()
                 if self.reports_every_step or now - reported >= REPORT_SECONDS:
                     self._report(self.progress_line(recent))
-                    recent, reported = [], now
+                    recent = []
+                    reported = now
                 if now - saved >= SAVE_SECONDS:
                     self.save()
                     saved = now

@@ -179,7 +179,9 @@ def _read_run(path: Path) -> RunDirectory:
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         found = content["format"], content["version"]
-        options, made, finished = content.get("options", {}), content.get("made", {}), content.get("finished", False)
+        options = content.get("options", {})
+        made = content.get("made", {})
+        finished = content.get("finished", False)
         run = RunDirectory(path, dict(content["identity"]), options, made, finished)
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {path}: it has no {RUN_FILE}") from None

@@ -51,6 +51,7 @@ class StatementSampler:
         group = env_id // self.same_statement
         statement, left = self._left.get(group, (0, 0))
         if not left:
-            statement, left = int(self._draws.draw_statements(1, generator)[0]), self._episodes
+            statement = int(self._draws.draw_statements(1, generator)[0])
+            left = self._episodes
         self._left[group] = statement, left - 1
         return self.tasks[self._draws.draw_task(statement, generator)].id

@@ -79,7 +79,8 @@ class BoxImageTable:
         padded = padded_rows(len(rows), rows[0].nbytes)
         padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
         hashes, firsts, inverse = np.unique(row_hashes(padded), return_index=True, return_inverse=True)
-        known, listed = self._index_of_items, hashes.tolist()
+        known = self._index_of_items
+        listed = hashes.tolist()
         for item_hash, row in zip(listed, firsts.tolist(), strict=True):
             if item_hash not in known:
                 shown = [Item(x, y, Shape(s), Colour(c), Size(z)) for x, y, s, c, z in rows[row].tolist() if z >= 0]

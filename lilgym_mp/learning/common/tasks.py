@@ -145,7 +145,8 @@ class TaskSampler:
 
     def draw_task(self, statement: int, rng: np.random.Generator) -> int:
         """The index of one of the statement's tasks."""
-        main, empty = self._main[statement], self._empty[statement]
+        main = self._main[statement]
+        empty = self._empty[statement]
         chosen = empty if len(empty) and (not len(main) or rng.random() < self._empty_fraction) else main
         return int(chosen[rng.integers(len(chosen))])
 

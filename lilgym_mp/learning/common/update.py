@@ -62,7 +62,8 @@ class Experience:
         columns = {**arrays, "advantages": advantages, "returns": returns}
         flat = {name: torch.from_numpy(np.ascontiguousarray(columns[name]).reshape(-1)) for name in Transitions._fields}
         self.transitions = Transitions(**{name: column.to(device) for name, column in flat.items()})
-        self.statement_of, self.evaluate = statement_of.reshape(-1), evaluate
+        self.statement_of = statement_of.reshape(-1)
+        self.evaluate = evaluate
 
 
 class Losses(NamedTuple):
@@ -165,7 +166,8 @@ def generalised_advantages(
     the MDP's reward function. The return is the advantage plus the value.
     """
     advantages = np.zeros_like(rewards)
-    next_values, next_advantages = last_values, np.zeros_like(last_values)
+    next_values = last_values
+    next_advantages = np.zeros_like(last_values)
     for step in range(len(rewards) - 1, -1, -1):
         continues = ~ended[step]
         delta = rewards[step] + gamma * next_values * continues - values[step]

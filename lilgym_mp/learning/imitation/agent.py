@@ -69,7 +69,8 @@ class NetworkPolicy:
         for first in range(0, len(statements), BATCH_SIZE):
             rows = slice(first, first + BATCH_SIZE)
             words = [self.tokenizer.encode(statement) for statement in statements[rows]]
-            distinct, orders = DistinctBoxes.of(boxes[rows, None], 1), np.zeros(len(words), np.int64)
+            distinct = DistinctBoxes.of(boxes[rows, None], 1)
+            orders = np.zeros(len(words), np.int64)
             inputs = make_inputs(self.table, words, distinct, orders, self.device)
             batch_targets = torch.from_numpy(targets[rows, None]).to(self.device)
             with precision(self.device, reduced=self.reduced_precision):
@@ -82,7 +83,8 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
     """(S, A, logits) log-probabilities of all actions in the first A scenes, in the order of `ActionHeads`."""
     truth = outputs.truth[:, : targets.shape[1]]
     signed = torch.where(targets == 1, truth, -truth)  # P(STOP) is the probability of the target value
-    stop, edit = F.logsigmoid(signed), F.logsigmoid(-signed)
+    stop = F.logsigmoid(signed)
+    edit = F.logsigmoid(-signed)
     types = outputs.types.log_softmax(-1) + edit[..., None]
     return torch.cat(
         [
@@ -122,7 +124,8 @@ def play_episodes(
     running = list(range(len(states)))
     while running:
         now = [states[index] for index in running]
-        boxes, targets = policy.table.indices([state.scene for state in now]), [state.task.target for state in now]
+        boxes = policy.table.indices([state.scene for state in now])
+        targets = [state.task.target for state in now]
         found = policy.log_probabilities([state.task.statement for state in now], boxes, np.array(targets, np.int64))
         steps = np.array([state.steps for state in now])
         still_running: list[int] = []
@@ -168,7 +171,8 @@ def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecip
 
 def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNetwork:
     """A new network of this architecture."""
-    vocabulary, sizes = Vocabulary(tuple(built["vocabulary"])), {name: built[name] for name in SIZES}
+    vocabulary = Vocabulary(tuple(built["vocabulary"]))
+    sizes = {name: built[name] for name in SIZES}
     return ImitationNetwork(built["appearance"], len(vocabulary), dropout=dropout, **sizes)
 
 
@@ -176,7 +180,8 @@ def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNet
 class ImitationAgent(Agent):
     """A network with its vocabulary and stop rules."""
 
-    kind, version = "imitation", 1
+    kind = "imitation"
+    version = 1
     chooses_actions: ClassVar[bool] = True  # greedy or sampled, by the stop rule
     description: ModelDescription
     network: ImitationNetwork
@@ -206,7 +211,9 @@ class _ImagePolicy(Policy):
     needs_masks = False
 
     def __init__(self, agent: ImitationAgent, dynamics: Dynamics, rule: StopRule, *, sampled: bool) -> None:
-        self._dynamics, self._rule, self._sampled = dynamics, rule, sampled
+        self._dynamics = dynamics
+        self._rule = rule
+        self._sampled = sampled
         tokenizer = StatementTokenizer(Vocabulary(tuple(agent.description.details["network"]["vocabulary"])))
         self._policy = NetworkPolicy(agent.network, BoxFeatureTable(), action_heads(dynamics.appearance), tokenizer)
         self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
@@ -214,7 +221,8 @@ class _ImagePolicy(Policy):
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if len(self._policy.table) > MAX_CACHED_BOXES:
             self._policy = replace(self._policy, table=BoxFeatureTable())
-        policy, dynamics = self._policy, self._dynamics
+        policy = self._policy
+        dynamics = self._dynamics
         scenes, unread = _scenes(observations.images, dynamics.appearance.name)
         self._latest = observations.statements, policy.table.indices(scenes), observations.targets
         log_probabilities = policy.log_probabilities(*self._latest)

@@ -131,7 +131,9 @@ class BatchSampler:
             pairs = zip(entries, rows, strict=True)
             return np.array([[getattr(entry, name)[index] for index in row[:count]] for entry, row in pairs])
 
-        scenes, truths, steps = column("scenes"), column("truths").astype(np.float32), column("steps", solved)
+        scenes = column("scenes")
+        truths = column("truths").astype(np.float32)
+        steps = column("steps", solved)
         recolours = self.recipe.recolour
         orders = np.array(
             [rng.integers(len(RECOLOURINGS)) if recolours and entry.exchanges_colours else 0 for entry in entries]

@@ -72,7 +72,9 @@ def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
 
 def item_relations(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     """(N, K, K) the second item's relation to the first: horizontal and vertical direction, and distance bin."""
-    x, y, side = items[..., 0], items[..., 1], 10 * (items[..., 4] + 1)
+    x = items[..., 0]
+    y = items[..., 1]
+    side = 10 * (items[..., 4] + 1)
     horizontal, gap_x = _direction(x, side)
     vertical, gap_y = _direction(y, side)
     distance = np.digitize(np.maximum(gap_x, gap_y), DISTANCE_BOUNDS)

@@ -77,10 +77,12 @@ class DataCollector:
         empty_start_fraction: float = 0.0,
     ) -> None:
         """`budget`: scenes the solver expands per query, at most."""
-        self.table, self.rng = table, rng
+        self.table = table
+        self.rng = rng
         self.heads: ActionHeads = action_heads(dynamics.appearance)
         self.expert_queries = 0
-        self._dynamics, self._appearance = dynamics, dynamics.appearance
+        self._dynamics = dynamics
+        self._appearance = dynamics.appearance
         self._solver = Solver(dynamics, budget)
         self._empty_start_fraction = empty_start_fraction
 
@@ -164,7 +166,8 @@ class DataCollector:
 
     def edited(self, scene: Scene) -> Scene:
         """The scene after a random legal edit: ADD or REMOVE with equal probability where both are possible."""
-        rng, heads = self.rng, self.heads
+        rng = self.rng
+        heads = self.heads
         removing = rng.random() < 0.5 and any(box.items for box in scene.boxes)
         first, count = (heads.add_count, heads.remove_count) if removing else (0, heads.add_count)
         for _ in range(100):

@@ -266,7 +266,8 @@ class ImitationNetwork(nn.Module):
         scene = self.dropout(self.scene_again(scene + self.again_sum(F.relu(refinement).sum(2))))  # (S, N, d)
         truth = self.truth(scene).squeeze(-1)
         count = targets.shape[1]
-        acting, conditioned = scenes[:, :count], scene[:, :count] + self.target(targets).to(scene.dtype)
+        acting = scenes[:, :count]
+        conditioned = scene[:, :count] + self.target(targets).to(scene.dtype)
         features = gather_boxes(boxes.action_terms, acting) + self.act_scene(conditioned)[:, :, None]
         features = self.act_feedforward(features)  # (S, A, 3, d) of each box given its scene and target
         if self.scatter is not None:

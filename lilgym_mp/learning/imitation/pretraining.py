@@ -45,7 +45,8 @@ class TextPretraining:
         seed: int,
     ) -> None:
         """`excluded`: digests of dev and test statements, which are dropped from the generated ones."""
-        self._tokenizer, self._recipe = tokenizer, recipe
+        self._tokenizer = tokenizer
+        self._recipe = recipe
         self._rng = random.Random(f"text {seed}")
         device = next(network.parameters()).device
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=MAX_WORDS)
@@ -63,7 +64,9 @@ class TextPretraining:
         return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        rng, recipe, token_id = self._rng, self._recipe, self._tokenizer.vocabulary.token_id
+        rng = self._rng
+        recipe = self._recipe
+        token_id = self._tokenizer.vocabulary.token_id
         exchange = dict(zip(COLOURS, rng.sample(COLOURS, 3) if recipe.recolour else COLOURS, strict=True))
         recoloured = exchanged(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
         dropped = PARSER.unknown if recipe.unknown_words else 0.0

@@ -63,7 +63,8 @@ class TaughtCollector(DataCollector):
 
     def _teach(self, entry: DatasetEntry, index: int) -> None:
         """Adds the actions of confirmed plans from a known scene to the opposite truth value."""
-        truth, steps = entry.truths[index], entry.ways[index].edits
+        truth = entry.truths[index]
+        steps = entry.ways[index].edits
         scene = self.table.scene(entry.scenes[index])
         plans = self._planner.plans(scene, entry.statement, not truth, steps, MOST_PLANS)
         self.expert_queries += 1
@@ -110,13 +111,15 @@ def _after(dynamics: Dynamics, scene: Scene, edits: Sequence[Action]) -> Scene |
 
 def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
     """Edits of boxes equal to the edit's that do the same to them: in Scatter, as far as the features tell."""
-    appearance, placement = dynamics.appearance, dynamics.rules.placement
+    appearance = dynamics.appearance
+    placement = dynamics.rules.placement
     if appearance.grid is None:
         block = cast("AddBlock | RemoveBlock", edit)
         equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[block.box]]
         return [appearance.encode(block._replace(box=other)) for other in equal]
     scatter = cast("Scatter", appearance)
-    is_addition, action = isinstance(edit, AddItem), appearance.encode(edit)
+    is_addition = isinstance(edit, AddItem)
+    action = appearance.encode(edit)
 
     def results(index: int) -> tuple[np.ndarray, np.ndarray]:
         """The actions on a box, and what each does to it, negative if nothing."""

@@ -104,7 +104,10 @@ class Run(TrainingRun):
     ) -> None:
         super().__init__(out, Budget("updates", updates, minutes), session)
         self.counters: ImitationCounters = ImitationCounters()
-        self._settings, self._recipe, self._seed, self._is_taught = settings, recipe, seed, teacher is not None
+        self._settings = settings
+        self._recipe = recipe
+        self._seed = seed
+        self._is_taught = teacher is not None
         played = train_tasks(settings, scratch=recipe.empty_starts > 0)
         tasks = played[settings.configuration]
         self._excluded = held_out_digests(settings.corpus)
@@ -134,7 +137,9 @@ class Run(TrainingRun):
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
         self._network = network = make_network(self._architecture, recipe.dropout).to(self.device)
-        self._entries, self._rng, table = entries, np.random.default_rng(seed), BoxFeatureTable(settings.appearance)
+        self._entries = entries
+        self._rng = np.random.default_rng(seed)
+        table = BoxFeatureTable(settings.appearance)
         self._is_flipit = settings.start == FLIPIT  # no start is solved, and any statement is judged on all
         starts = dict.fromkeys(start for entry in entries for start in entry.starts)
         self._other_scenes: Sequence[Scene] = [*starts] if self._is_flipit else []
@@ -173,7 +178,9 @@ class Run(TrainingRun):
 
     def step(self) -> dict[str, float]:
         """One optimiser step; returns losses of `Progress`."""
-        recipe, network, counters = self._recipe, self._network, self.counters
+        recipe = self._recipe
+        network = self._network
+        counters = self.counters
         if counters.updates % recipe.collect_every == 0:
             self._collect_more(self.progress())
         done = max(0.0, (self.progress() - counters.begun_at) / (1 - counters.begun_at))  # since pretraining
@@ -228,7 +235,8 @@ class Run(TrainingRun):
 
     def _pretrain_geometry(self) -> None:
         """Trains the prediction of legal edits, also where a teacher replaces text pretraining."""
-        heads, of_run = self._network.scatter, self.budget.amount or ImitationOptions().updates
+        heads = self._network.scatter
+        of_run = self.budget.amount or ImitationOptions().updates
         updates = round(GEOMETRY_UPDATES * self._recipe.pretraining * of_run)
         if heads is not None and updates:
             pretrain_geometry(heads.geometry, self._policy.table, updates, self._recipe.warmup, self._rng)

@@ -18,7 +18,8 @@ from lilgym_mp.learning.parsing.planning import Calibration, ProgramPlanner
 class ParseAndPlanAgent(Agent):
     """One parser for all configurations of the appearances it was trained on."""
 
-    kind, version = "parse-and-plan", 1
+    kind = "parse-and-plan"
+    version = 1
     description: ModelDescription
     parser: Parser
 

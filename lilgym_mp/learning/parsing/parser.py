@@ -72,7 +72,8 @@ def beam_search(
         )
         scores[:, 0] = -torch.inf  # padding is not a token
         values, indices = scores.flatten().topk(min(width, scores.numel()))
-        rows, tokens = (indices // scores.shape[1]).tolist(), (indices % scores.shape[1]).tolist()
+        rows = (indices // scores.shape[1]).tolist()
+        tokens = (indices % scores.shape[1]).tolist()
         grown: list[tuple[int, Candidate]] = []  # with the row of what each continues
         for value, row, token in zip(values.tolist(), rows, tokens, strict=True):
             if value == -float("inf"):
@@ -224,7 +225,8 @@ class Parser:
     @classmethod
     def of(cls, details: Mapping[str, Any]) -> Parser:
         """A parser with an untrained network. Raises ValueError, TypeError, KeyError."""
-        vocabulary, tokens = SymbolTable(tuple(details["words"])), TokenTable(tuple(details["tokens"]))
+        vocabulary = SymbolTable(tuple(details["words"]))
+        tokens = TokenTable(tuple(details["tokens"]))
         network = ParserNetwork(len(vocabulary), len(tokens), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]), tokens)
 

@@ -106,7 +106,8 @@ class Run(TrainingRun):
     def __init__(self, corpus: str, recipe: ParserRecipe, out: Path, **session: Unpack[Session]) -> None:
         super().__init__(out, Budget("updates", recipe.updates), session)
         self.counters = Counters()
-        self._corpus, self._recipe = corpus, recipe
+        self._corpus = corpus
+        self._recipe = recipe
         if not self.resume:
             writable_directory(out)  # before the data takes its time
         self._data = data = load_training_data(corpus, recipe)
@@ -129,14 +130,16 @@ class Run(TrainingRun):
 
     def step(self) -> float:
         """One optimiser step; returns the loss. Raises TrainingRunError."""
-        done, counters = self.progress(), self.counters
+        done = self.progress()
+        counters = self.counters
         relative_rate = cosine_decay(done) * min(1.0, (counters.updates + 1) / self._recipe.warm_up)
         loss = self._trainer.step(done, self._recipe.learning_rate * relative_rate)
         counters.updates += 1
         return loss
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
-        vocabulary, rng = self._data.vocabulary, self._rng
+        vocabulary = self._data.vocabulary
+        rng = self._rng
         unknown = vocabulary.index(UNKNOWN)
         words = [
             unknown if position and rng.random() < self._recipe.unknown else vocabulary.index(word, unknown)
@@ -153,7 +156,9 @@ class Run(TrainingRun):
 
     def finish(self) -> ParseAndPlanAgent:
         """The agent, with its parser calibrated."""
-        data, recipe, corpus = self._data, self._recipe, self._corpus
+        data = self._data
+        recipe = self._recipe
+        corpus = self._corpus
         uncalibrated = Parser(self._network.eval(), data.vocabulary)
         predictions = [_prediction(uncalibrated, example) for example in data.held_out]
         parser = Parser(self._network, data.vocabulary, calibrated_temperature(predictions))

@@ -72,7 +72,8 @@ class ModelPolicy(Policy):
 
     def __init__(self, model: Model, *, mask: bool, sampled: bool) -> None:
         self.needs_masks = mask
-        self._model, self._sampled = model, sampled
+        self._model = model
+        self._sampled = sampled
         self._table = BoxImageTable()
         self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
@@ -98,14 +99,16 @@ class ModelPolicy(Policy):
 class PPOAgent(Agent):
     """A trained model, for its training environment."""
 
-    kind, version = "ppo", 2
+    kind = "ppo"
+    version = 2
     description: ModelDescription
     settings: Settings
     network: Model
 
     @classmethod
     def of(cls, description: ModelDescription) -> PPOAgent:
-        recipe, settings = PPORecipe.from_json(description.recipe), Settings.from_json(description.details["settings"])
+        recipe = PPORecipe.from_json(description.recipe)
+        settings = Settings.from_json(description.details["settings"])
         appearance = make_appearance(settings.appearance, settings.grid)
         return cls(description, settings, make_model(recipe, appearance, details=description.details["model"]))
 

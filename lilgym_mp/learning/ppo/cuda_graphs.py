@@ -28,7 +28,9 @@ class Graphed:
     """A function of tensors of fixed shapes, captured on CUDA and then replayed. A call overwrites earlier outputs."""
 
     def __init__(self, function: Callable[..., tuple[Tensor, ...]]) -> None:
-        self._function, self._calls, self._graph = function, 0, cast("Any", None)
+        self._function = function
+        self._calls = 0
+        self._graph = cast("Any", None)
         self._inputs = self._given = self._outputs = cast("tuple[Tensor, ...]", ())  # given: at the latest call
 
     def __call__(self, *inputs: Tensor) -> tuple[Tensor, ...]:
@@ -36,13 +38,16 @@ class Graphed:
         if inputs[0].device.type != "cuda":
             return self._function(*inputs)
         if not self._inputs:
-            self._inputs, self._given = tuple(given.clone() for given in inputs), inputs
+            self._inputs = tuple(given.clone() for given in inputs)
+            self._given = inputs
         for own, given, before in zip(self._inputs, inputs, self._given, strict=True):
             if given is not before:
                 own.copy_(given)
-        self._given, self._calls = inputs, self._calls + 1
+        self._given = inputs
+        self._calls = self._calls + 1
         if self._calls <= CALLS_BEFORE_CAPTURE:  # as torch requires, on another stream
-            stream, current = torch.cuda.Stream(), torch.cuda.current_stream()
+            stream = torch.cuda.Stream()
+            current = torch.cuda.current_stream()
             stream.wait_stream(current)
             with torch.cuda.stream(stream):
                 outputs = self._function(*self._inputs)
@@ -63,9 +68,13 @@ class GraphedModel(Model):
         self, model: Model, optimiser: torch.optim.Optimizer, recipe: PPORecipe, precision: Callable[[], Any]
     ) -> None:
         super().__init__()
-        self.factorisation, self._model, self._precision = model.factorisation, model, precision
-        self._optimiser, self._recipe = optimiser, recipe
-        self._predict, self._step = Graphed(self._prediction), Graphed(self._optimise)
+        self.factorisation = model.factorisation
+        self._model = model
+        self._precision = precision
+        self._optimiser = optimiser
+        self._recipe = recipe
+        self._predict = Graphed(self._prediction)
+        self._step = Graphed(self._optimise)
 
     def forward(self, states: States) -> Prediction:
         (joined,) = self._predict(*self._model.fixed_inputs(states))
@@ -84,7 +93,8 @@ class GraphedModel(Model):
         self, states: States, experience: Experience, entropy_coefficient: float, rng: np.random.Generator
     ) -> list[Losses]:
         """As `update`, with the mini-batches of a rollout's states gathered on the device. Raises TrainingRunError."""
-        recipe, columns = self._recipe, (*self._model.fixed_inputs(states), *experience.transitions)
+        recipe = self._recipe
+        columns = (*self._model.fixed_inputs(states), *experience.transitions)
         (group,) = self._optimiser.param_groups
         rate = group["lr"]
         coefficients = torch.tensor([entropy_coefficient, rate], device=columns[0].device)

@@ -26,8 +26,12 @@ class LearningCurve:
     def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: RunDirectory) -> None:
         """Raises CorpusError when dev has no tasks."""
         settings.tasks(SPLIT)
-        self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
-        self._dynamics, self._matching = settings.dynamics(), _matching_tasks(settings)
+        self._settings = settings
+        self._recipe = recipe
+        self._every = every
+        self._run = run
+        self._dynamics = settings.dynamics()
+        self._matching = _matching_tasks(settings)
         self.last: int | None = None  # steps of the latest point
 
     def is_due(self, steps: int) -> bool:

@@ -45,7 +45,9 @@ MAX_INTENSITY = 255.0
 MAX_TOKENS = 64  # word pieces of a statement
 MOST_SCENES = 10_000  # in a table of windows
 FEW_SCENES = 8  # of so few, whole images are convolved
-JOINED, TARGET = 512, 32  # widths in C3 and C10
+# Widths in C3 and C10
+JOINED = 512
+TARGET = 32
 VILT_PATCHES = 5, 19  # like the action grid
 VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each colour
 FLAVA_COLOURS = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
@@ -62,7 +64,8 @@ def checked_directory(path: Path | None, model: str) -> Path:
             f" {architecture}, with {CONFIG}, model.safetensors and a tokenizer"
         )
     if not path.is_dir():
-        raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
+        missing = "" if path.exists() else ": it does not exist"
+        raise WeightsError(f"{path}: not a directory of weights{missing}")
     try:
         found = json.loads((path / CONFIG).read_text(encoding="utf-8")).get("model_type")
     except (OSError, ValueError, RecursionError, AttributeError) as error:
@@ -231,7 +234,8 @@ def C10() -> nn.Sequential:  # noqa: N802
 
     Their weights are initialised as by He et al. (2015): with torch's defaults, ten layers leave nothing of the image.
     """
-    channels, strides = (16, 16, 32, 32, 64, 64, 128, 128, 64, 32), (2, 1, 2, 1, 2, 1, 2, 1, 1, 1)
+    channels = (16, 16, 32, 32, 64, 64, 128, 128, 64, 32)
+    strides = (2, 1, 2, 1, 2, 1, 2, 1, 1, 1)
     layers = _convolutions([(count, 3, stride, 1) for count, stride in zip(channels, strides, strict=True)])
     for layer in layers:
         if isinstance(layer, nn.Conv2d):
@@ -268,7 +272,10 @@ class WindowTable:
     def of(self, states: States, scenes: Int64Array) -> list[UInt8Array | Int64Array]:
         """The windows in scenes (V, 3) of the states: pixels, those of each later convolution, and (V, positions)."""
         if len(self._scenes) > MOST_SCENES:
-            self._known, self._windows, self._scenes, self._positions = [], [], {}, ()
+            self._known = []
+            self._windows = []
+            self._scenes = {}
+            self._positions = ()
         scene_of, new = assign_indices(row_hashes(states.box_hashes[scenes]), self._scenes)
         if len(new):
             positions = self._add(scene_images(states, scenes[new]))
@@ -309,9 +316,14 @@ class ConvolutionsAndBert(PretrainedModel):
     has_fixed_inputs = True
 
     def __init__(
-        self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
-        *, has_actor: bool, has_critic: bool,
-    ) -> None:  # fmt: skip
+        self,
+        encoder: FrozenBert,
+        convolutions: Callable[[], nn.Sequential],
+        appearance: Appearance,
+        *,
+        has_actor: bool,
+        has_critic: bool,
+    ) -> None:
         super().__init__()
         self._encoder = encoder
         self.factorisation = slot_factorisation(appearance)
@@ -330,7 +342,8 @@ class ConvolutionsAndBert(PretrainedModel):
     def inputs(self, states: States) -> Any:
         """The windows of V scenes (`WindowTable.of`), or a few images; statement vectors, targets, scenes of states."""
         scenes, scene_of = states.scenes()
-        device, is_few = self.target.weight.device, len(scenes) < FEW_SCENES
+        device = self.target.weight.device
+        is_few = len(scenes) < FEW_SCENES
         arrays = [scene_images(states, scenes)] if is_few else self._table.of(states, scenes)
         seen = [torch.from_numpy(array).to(device) for array in arrays]
         return seen, *self._words_and_targets(states), torch.from_numpy(scene_of).to(device)
@@ -355,7 +368,8 @@ class ConvolutionsAndBert(PretrainedModel):
 
     def _convolved(self, pixels: Tensor, windows: Sequence[Tensor]) -> Tensor:
         """(V, features) of `convolutions`, from the windows of V scenes: those of pixels, and the others."""
-        rows, found = pixels.float() / MAX_INTENSITY, pixels
+        rows = pixels.float() / MAX_INTENSITY
+        found = pixels
         for convolution, index in zip(self._layers, windows, strict=True):
             weight = convolution.weight.permute(0, 2, 3, 1).flatten(1)
             found = F.relu(F.linear(rows, weight, convolution.bias))
@@ -394,12 +408,14 @@ class Transformer(nn.Module):
         import transformers  # pyright: ignore[reportMissingImports]
 
         super().__init__()
-        self.path, self.is_vilt = path, model == "vilt"
+        self.path = path
+        self.is_vilt = model == "vilt"
         network_class: Any = getattr(transformers, f"{model.capitalize()}Model")
         self.network = _pretrained_network(network_class.from_pretrained, path)
         self.tokenizer = _tokenizer(path)
         self.tokenizer.add_special_tokens({"additional_special_tokens": [TARGET_TOKEN]})
-        embedding, words = self.network if self.is_vilt else self.network.text_model, len(self.tokenizer)
+        embedding = self.network if self.is_vilt else self.network.text_model
+        words = len(self.tokenizer)
         if embedding.get_input_embeddings().num_embeddings < words:  # one more for the target token
             embedding.resize_token_embeddings(words, mean_resizing=False)
 
@@ -408,11 +424,14 @@ class Transformer(nn.Module):
         return int(self.network.config.hidden_size)
 
     def forward(self, states: States) -> Tensor:
-        config, device = self.network.config, next(self.network.parameters()).device
+        config = self.network.config
+        device = next(self.network.parameters()).device
         if self.is_vilt:
-            size, most_tokens = [count * config.patch_size for count in VILT_PATCHES], config.max_position_embeddings
+            size = [count * config.patch_size for count in VILT_PATCHES]
+            most_tokens = config.max_position_embeddings
         else:
-            size, most_tokens = [config.image_config.image_size] * 2, config.text_config.max_position_embeddings
+            size = [config.image_config.image_size] * 2
+            most_tokens = config.text_config.max_position_embeddings
         scenes, scene_of = states.scenes()
         images = _floats(scene_images(states, scenes), device)
         images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)[scene_of]

@@ -88,7 +88,8 @@ class RolloutCollector:
         """Replays the saved episodes to their current states. Raises ValueError, KeyError, TypeError."""
         count = self._recipe.envs
         self._sampler.current = np.array(data["statements"], np.int64)
-        tasks, actions = list(map(int, data["tasks"])), [list(map(int, row)) for row in data["actions"]]
+        tasks = list(map(int, data["tasks"]))
+        actions = [list(map(int, row)) for row in data["actions"]]
         if len(tasks) != count or len(actions) != count or max(tasks) >= len(self._ids):
             raise ValueError("the saved episodes are of other environments")
         self._reset(np.ones(count, np.bool_), tasks)
@@ -114,10 +115,12 @@ class RolloutCollector:
 
     def collect(self, model: Model, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
-        recipe, count = self._recipe, self._recipe.envs
+        recipe = self._recipe
+        count = self._recipe.envs
         if recipe.same_statement > 1:
             self._sampler.resample_statements(rng)
-        table, steps = BoxImageTable(), recipe.rollout // count
+        table = BoxImageTable()
+        steps = recipe.rollout // count
         collected: list[dict[str, Any]] = []
         for _ in range(steps):
             observed, states = self._observe(table)
@@ -135,7 +138,8 @@ class RolloutCollector:
     def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:
         """The current observations as rollout columns and as states."""
         statement_of = self._sampler.statement_of[self._task_of]
-        boxes_of, targets = table.indices(self._observations["image"]), self._observations["target"].astype(np.int64)
+        boxes_of = table.indices(self._observations["image"])
+        targets = self._observations["target"].astype(np.int64)
         columns = {"statement_of": statement_of, "boxes_of": boxes_of, "targets": targets}
         return columns, table.states(self._sampler.statements, statement_of, boxes_of, targets)
 

@@ -98,7 +98,9 @@ class Run(TrainingRun):
     ) -> None:
         super().__init__(out, Budget("steps", steps), session)
         self.counters: PPOCounters = PPOCounters()
-        self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
+        self._settings = settings
+        self.recipe = recipe
+        self._recipe_name = recipe_name
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
         if recipe.patience and not recipe.held_out:
             raise ValueError("patience needs held-out statements to validate on: raise held_out, or set patience to 0")
@@ -141,7 +143,9 @@ class Run(TrainingRun):
         return (self._settings.configuration, *([scratch] if self.tasks.plays_empty_starts else []))
 
     def introduction(self) -> str:
-        recipe, model, steps = self.recipe, self.model, self.counters.steps
+        recipe = self.recipe
+        model = self.model
+        steps = self.counters.steps
         resumed = f", resumed after {steps:,}" if steps else ""
         frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
         return (
@@ -188,7 +192,8 @@ class Run(TrainingRun):
         return progress
 
     def _experience(self, rollout: Rollout) -> Experience:
-        recipe, legal = self.recipe, rollout.legal
+        recipe = self.recipe
+        legal = rollout.legal
         advantages = generalised_advantages(
             rollout.rewards, rollout.values, rollout.ended, rollout.last_values, recipe.gamma, recipe.gae_lambda
         )
@@ -205,8 +210,10 @@ class Run(TrainingRun):
         return precision(self.device, reduced=self.recipe.reduced_precision and is_worth_it)
 
     def _progress(self, mean: Losses, start_seconds: float) -> Progress:
-        statistics, self._collector.statistics = self._collector.statistics, EpisodeStatistics()
-        count, counters = statistics.ends.total(), self.counters
+        statistics = self._collector.statistics
+        self._collector.statistics = EpisodeStatistics()
+        count = statistics.ends.total()
+        counters = self.counters
         counters.episodes += count
         seconds = self.seconds()
         return Progress(
@@ -248,7 +255,9 @@ class Run(TrainingRun):
         """Saves the agent: with the best validated weights, or the current ones without validation."""
         if self.curve is not None and not self.stop.requested:
             self.curve.add_point(self.model, self.counters.steps)
-        counters, validated, best_weights = self.counters, self.validation.state, self.validation.best_weights
+        counters = self.counters
+        validated = self.validation.state
+        best_weights = self.validation.best_weights
         if best_weights is not None:
             self.model.load_state_dict(best_weights)
             accuracy = f"{100 * (validated.best or 0):.1f} %"

@@ -29,7 +29,10 @@ class Validation:
     """Plays the held-out tasks and keeps the best weights; without such tasks it does nothing."""
 
     def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], run: RunDirectory) -> None:
-        self._settings, self._recipe, self._task_ids, self._run = settings, recipe, task_ids, run
+        self._settings = settings
+        self._recipe = recipe
+        self._task_ids = task_ids
+        self._run = run
         self.state = ValidationState()
         self.best_weights: dict[str, Tensor] | None = None
 
@@ -42,7 +45,8 @@ class Validation:
 
     def validate(self, model: Model, steps: int) -> None:
         """Plays the tasks, unless done at this step already."""
-        state, seed = self.state, self._recipe.seed
+        state = self.state
+        seed = self._recipe.seed
         if not self._task_ids or (state.best is not None and state.validated_at == steps):
             return
         policy = ModelPolicy(model.eval(), mask=self._recipe.mask, sampled=self._recipe.sampled)
@@ -52,7 +56,9 @@ class Validation:
         state.validated_at = steps
         state.without_better += 1
         if state.best is None or accuracy > state.best:
-            state.best, state.best_steps, state.without_better = accuracy, steps, 0
+            state.best = accuracy
+            state.best_steps = steps
+            state.without_better = 0
             self.best_weights = {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
         line = {"steps": steps, "tasks": len(episodes), "accuracy": accuracy, "best_steps": state.best_steps}
         self._run.record(line, VALIDATIONS_FILE)

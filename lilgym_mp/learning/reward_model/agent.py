@@ -37,7 +37,8 @@ def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, appearance: 
 class RewardModelAgent(Agent):
     """One model for both starts of an appearance."""
 
-    kind, version = "reward-model", 1
+    kind = "reward-model"
+    version = 1
     teaches: ClassVar[bool] = True
     description: ModelDescription
     recipe: RewardModelRecipe

@@ -26,7 +26,9 @@ from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances.tower import CAPACITY
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
 
-COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
+COLOURS = len(Colour)
+SHAPES = len(Shape)
+SIZES = len(Size)
 CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160
 CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
@@ -91,7 +93,8 @@ def _columns(parts: Mapping[str, int], moved: Mapping[str, Int64Array]) -> Int64
 @cache
 def exchanges(appearance: str) -> tuple[Exchange, ...]:
     """All exchanges, the identity first."""
-    colours, shapes = permutations(range(COLOURS)), tuple(permutations(range(SHAPES)))
+    colours = permutations(range(COLOURS))
+    shapes = tuple(permutations(range(SHAPES)))
     if appearance == "tower":
         return tuple(map(Exchange, colours))
     return tuple(Exchange(*one) for one in product(colours, shapes, (False, True)))
@@ -189,7 +192,8 @@ def _tower_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
     height = (colour >= 0).sum(1)
     level = np.where(colour >= 0, np.arange(CAPACITY), -1)
     none = np.full((len(colour), 1), -1)
-    below, above = np.hstack([none, colour[:, :-1]]), np.hstack([colour[:, 1:], none])
+    below = np.hstack([none, colour[:, :-1]])
+    above = np.hstack([colour[:, 1:], none])
     neighbours = (np.where(colour >= 0, np.where(other >= 0, other, COLOURS), -1) for other in (below, above))
     item_parts = [
         one_hot(colour, COLOURS),
@@ -216,7 +220,9 @@ class InputReader:
     """Encodes statements with a vocabulary, and boxes of one appearance."""
 
     def __init__(self, vocabulary: Vocabulary, table: BoxTable, device: torch.device) -> None:
-        self.table, self.device, self.vocabulary = table, device, vocabulary
+        self.table = table
+        self.device = device
+        self.vocabulary = vocabulary
         self._tokenizer = StatementTokenizer(vocabulary)
         self._kinds: dict[str, list[int]] = {}
         kinds = exchanges(table.appearance)
@@ -268,7 +274,8 @@ class InputReader:
     def scenes(self, scenes: Int64Array) -> tuple[BoxFeatures, Tensor]:
         """The features of the distinct boxes of (S, N, 3) scenes, and the scenes as indices into them."""
         if self.table.appearance == "tower":
-            indices, local = np.arange(len(self.table))[None], scenes
+            indices = np.arange(len(self.table))[None]
+            local = scenes
         else:
             distinct = [np.unique(row, return_inverse=True) for row in scenes]
             indices = pad_rows([boxes for boxes, _ in distinct])

@@ -60,7 +60,8 @@ class ModulatedNetwork(nn.Module):
         layers: int = 2,
     ) -> None:
         super().__init__()
-        self.width, self.counts = width, counts
+        self.width = width
+        self.counts = counts
         self.text = TextEncoder(vocabulary, width, heads, layers, dropout)
         self.queries = nn.Parameter(0.3 * torch.randn(tokens, width))
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(layers))
@@ -68,7 +69,8 @@ class ModulatedNetwork(nn.Module):
         self.norm = nn.LayerNorm(width)
         self._modulated = [width + counts, width + counts, width, width]
         self.modulation = nn.Linear(tokens * width, 2 * sum(self._modulated))
-        self.item, self.box = nn.Linear(item_width, width), nn.Linear(box_width, width)
+        self.item = nn.Linear(item_width, width)
+        self.box = nn.Linear(box_width, width)
         self.item_layer = nn.Linear(width, width + counts)
         self.box_layer = nn.Linear(width + CODE * counts, width + counts)
         self.scene_layer = nn.Linear(2 * (width + CODE * counts), width)
@@ -77,14 +79,16 @@ class ModulatedNetwork(nn.Module):
 
     def read(self, words: Tensor, item_columns: Tensor, box_columns: Tensor) -> Reading:
         """(S, T) word indices, and the exchanged feature columns (S, F) and (S, G) of each statement."""
-        text, mask = self.text(words), attention_mask(words)
+        text = self.text(words)
+        mask = attention_mask(words)
         x = self.queries.expand(len(words), -1, -1)
         layers = zip(self.readings, self.feedforwards, strict=True)
         for reading, feedforward in cast("Iterable[tuple[Attention, Feedforward]]", layers):
             x = self.text.dropout(feedforward(reading(x, reading.key_value(text), mask)))
         scales, shifts = self.modulation(self.norm(x).flatten(1))[:, None].chunk(2, -1)
         # permuted weights give of a scene what they would give of the exchanged one
-        item_weights, box_weights = self.item.weight.t()[item_columns], self.box.weight.t()[box_columns]
+        item_weights = self.item.weight.t()[item_columns]
+        box_weights = self.box.weight.t()[box_columns]
         return Reading(
             item_weights, box_weights, (1 + scales).split(self._modulated, -1), shifts.split(self._modulated, -1)
         )
@@ -127,7 +131,8 @@ class ModulatedNetwork(nn.Module):
         """The layer of the sums, of which all but the first `width` columns are coded."""
         if not self.counts:
             return layer(sums)
-        plain, codes = layer.weight[:, :width], layer.weight[:, width:].unflatten(1, (-1, CODE))
+        plain = layer.weight[:, :width]
+        codes = layer.weight[:, width:].unflatten(1, (-1, CODE))
         thresholds = 4 * torch.arange(CODE - 1, device=sums.device, dtype=sums.dtype) + 2
         compared = torch.sigmoid(4 * sums[..., width:, None] - thresholds).flatten(-2)
         same = F.linear(sums, torch.cat([plain, 0.25 * codes[..., -1]], 1), layer.bias)

@@ -48,7 +48,8 @@ class Judge:
     def __init__(
         self, network: ModulatedNetwork, reader: InputReader, statement: str, exchanges: int, *, target: bool
     ) -> None:
-        self.network, self.reader = network, reader
+        self.network = network
+        self.reader = reader
         self._sign = 1.0 if target else -1.0
         kinds = reader.kinds(statement)[:exchanges]
         self.reading = network.read(*reader.statements([statement] * len(kinds), kinds))
@@ -105,7 +106,8 @@ class SearchPlanner(Planner):
 
 
 def _box_edits(index: int, before: int, after: int) -> list[Action]:
-    colours, heights = tower_tables().colours, tower_tables().heights
+    colours = tower_tables().colours
+    heights = tower_tables().heights
     kept = (heights[before] + heights[after] - box_distances()[before, after]) // 2
     removals: list[Action] = [RemoveBlock(index)] * int(heights[before] - kept)
     return [*removals, *(AddBlock(index, Colour(int(colours[after, level]))) for level in range(kept, heights[after]))]
@@ -153,7 +155,8 @@ def _plan_tower(
 def _distinct(scenes: Int64Array, distances: Int64Array, most_edits: int) -> Int64Array:
     """The scenes within `most_edits`, the nearest of those that differ in the order of boxes only."""
     edits = distances[np.arange(BOX_COUNT), scenes].sum(1)
-    scenes, edits = scenes[edits <= most_edits], edits[edits <= most_edits]
+    scenes = scenes[edits <= most_edits]
+    edits = edits[edits <= most_edits]
     order = np.argsort(edits, kind="stable")
     keys = np.sort(scenes[order], axis=1) @ np.array([1 << 16, 1 << 8, 1])
     _, first = np.unique(keys, return_index=True)
@@ -182,7 +185,9 @@ class _Edit(NamedTuple):
 
 class _ScatterSearch:
     def __init__(self, judge: Judge, dynamics: Dynamics, recipe: RewardModelRecipe) -> None:
-        self._judge, self._dynamics, self._recipe = judge, dynamics, recipe
+        self._judge = judge
+        self._dynamics = dynamics
+        self._recipe = recipe
         self._scatter = cast("Scatter", dynamics.appearance)
         self._table = judge.reader.table
         self._added = judge.network.item_units(judge.reading, _canonical()[0][None])  # (E, 1323, d + k)
@@ -216,7 +221,8 @@ class _ScatterSearch:
         if not scenes:
             return []
         logits = self._judge.scene_logits([scene for scene, _ in scenes])
-        means, probabilities = logits.mean(0).tolist(), mean_probabilities(logits).tolist()
+        means = logits.mean(0).tolist()
+        probabilities = mean_probabilities(logits).tolist()
         return [_Node(*one) for one in zip(*zip(*scenes, strict=True), means, probabilities, strict=True)]
 
     def _expanded(self, node: _Node, most_edits: int) -> list[tuple[float, _Node, tuple[_Edit, ...]]]:
@@ -287,7 +293,8 @@ class _ScatterSearch:
 
     def _made(self, node: _Node, edits: Sequence[_Edit]) -> tuple[Scene, tuple[int, ...]] | None:
         """The scene after the edits, by the rules, and the actions so far; None if one has become impossible."""
-        scene, actions = node.scene, node.actions
+        scene = node.scene
+        actions = node.actions
         for edit in edits:
             action = self._action(scene, edit)
             if action is None:
@@ -295,7 +302,8 @@ class _ScatterSearch:
             after, invalid = self._scatter.apply(scene, self._scatter.decode(action), self._dynamics.rules.placement)
             if invalid is not None:
                 return None
-            scene, actions = after, (*actions, action)
+            scene = after
+            actions = (*actions, action)
         return scene, actions
 
     def _action(self, scene: Scene, edit: _Edit) -> int | None:

@@ -88,7 +88,9 @@ class Run(TrainingRun):
             raise ValueError("a reward model is small, and its search runs on the CPU: choose device auto or cpu")
         super().__init__(out, Budget("updates", updates, minutes), {**session, "device": "cpu"})
         self.counters: RewardModelCounters = RewardModelCounters()
-        self._settings, self._recipe, self._seed = settings, recipe, seed
+        self._settings = settings
+        self._recipe = recipe
+        self._seed = seed
         played = train_tasks(settings)
         self._configurations = tuple(played)
         identity = {
@@ -129,14 +131,16 @@ class Run(TrainingRun):
 
     def step(self) -> tuple[float, float]:
         """One optimiser step, after a collection if one is due. Returns the loss and the accuracy."""
-        recipe, rng = self._recipe, self._rng
+        recipe = self._recipe
+        rng = self._rng
         if (self._collector.stops - self._lost_stops) * recipe.reuse < self.counters.labels:
             self._collect_more()
         chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
         entries = [self._entries[index] for index in chosen.tolist()]
         indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
         kinds = [self._random_kind(entry.statement) for entry in entries]
-        turn, network = self.counters.updates, self._network.train()
+        turn = self.counters.updates
+        network = self._network.train()
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
@@ -183,7 +187,8 @@ class Run(TrainingRun):
             raise TrainingRunError("nothing to learn: no edit changed the reward of a STOP")
 
     def _collect_more(self) -> None:
-        rng, recipe = self._rng, self._recipe
+        rng = self._rng
+        recipe = self._recipe
         chosen = rng.integers(len(self._entries), size=ENTRIES_PER_COLLECTION).tolist()
         entries = [self._entries[index] for index in chosen]
         if self.progress() < SEARCH_AFTER or rng.random() >= recipe.searching:
@@ -227,7 +232,8 @@ class Run(TrainingRun):
     # Files
 
     def progress_line(self, recent: Sequence[tuple[float, float]]) -> Progress:
-        counters, collector = self.counters, self._collector
+        counters = self.counters
+        collector = self._collector
         loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
         held_out = self._held_out_accuracy()
         return Progress(
@@ -253,7 +259,8 @@ class Run(TrainingRun):
 
     def finish(self) -> RewardModelAgent:
         """The averaged network as an agent."""
-        corpus, vocabulary = self._settings.corpus, self._reader.vocabulary
+        corpus = self._settings.corpus
+        vocabulary = self._reader.vocabulary
         supervision = f"rewards; knows the rules of editing (corpus {corpus})"
         details = {
             "vocabulary": list(vocabulary.words),

@@ -97,6 +97,7 @@ def _all_equal(values: Iterable[Any]) -> bool:
     for value in values:
         key = words.value_key(value)
         if is_empty:
-            first, is_empty = key, False
+            first = key
+            is_empty = False
         same = same and key == first
     return same and not is_empty

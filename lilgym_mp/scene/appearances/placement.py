@@ -74,7 +74,9 @@ class PlacementTables:
 
         `frame_x`: x of the box's left border in the coordinates that are rounded.
         """
-        other_footprint, other_x, other_y = other.footprint, other[0] + frame_x, other[1]
+        other_footprint = other.footprint
+        other_x = other[0] + frame_x
+        other_y = other[1]
         at = footprint, other_footprint, x - other[0] + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT
         code = int(self.moves[at])
         if code == TIED or other_x < 0 or other_y < 0:

@@ -111,7 +111,8 @@ class Tower:
         return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
 
     def explain(self, rules: PlacementRules) -> Iterator[str]:
-        boxes, colours = "|".join(BOX_NAMES), "|".join(colour.name for colour in Colour)
+        boxes = "|".join(BOX_NAMES)
+        colours = "|".join(colour.name for colour in Colour)
         yield f"ADD({boxes}, {colours}) puts a block on top of a box's tower, which holds {CAPACITY}."
         yield f"REMOVE({boxes}) takes the top block away."
 

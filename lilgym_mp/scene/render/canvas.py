@@ -55,9 +55,11 @@ _BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a
 
 def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
     """The blits that draw a box's items on an empty box; None as in `_patch_blit`. Cached in the box's memo."""
-    key, memo = _BLITS_KEYS[shrink], box.memo
+    key = _BLITS_KEYS[shrink]
+    memo = box.memo
     if key not in memo:
-        items, patches = box.items, _patches(shrink)
+        items = box.items
+        patches = _patches(shrink)
         blits = [
             _patch_blit(item, items[:index] + items[index + 1 :], patches, shrink, shown=True)
             for index, item in enumerate(items)
@@ -78,7 +80,8 @@ class Canvas:
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
         self._patches = _patches(self._shrink)
         # Keys in a box's memo for the blits that add and remove its last item, which Tower's shared boxes need often.
-        self._added_key, self._removed_key = f"added {image_size}", f"removed {image_size}"
+        self._added_key = f"added {image_size}"
+        self._removed_key = f"removed {image_size}"
         self._shown: tuple[Box, Box, Box] | None = None  # None if the buffer must be redrawn completely
 
     def __reduce__(self) -> tuple[type[Canvas], tuple[str]]:
@@ -218,7 +221,9 @@ def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item]
 
     Shifts and adds packed ints, as array operations take ten times as long on so few entries.
     """
-    patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
+    patches = _patches(shrink)
+    pitch = _pitch(1)
+    block_pitch = _pitch(shrink)
     drawn = counts = 0
     for item in items:
         if not fits_box(item.footprint, item.x, item.y):

@@ -21,7 +21,8 @@ def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     Without colours, the characters of a shape alternate with y (yellow), k (black) or b (blue).
     """
     width, height = TEXT_CELL
-    box_columns, rows = BOX_SIDE // width, BOX_SIDE // height
+    box_columns = BOX_SIDE // width
+    rows = BOX_SIDE // height
     boxes: list[list[list[str]]] = []
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
@@ -39,7 +40,8 @@ def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
 
 
 def _covers(item: Item, x: int, y: int) -> bool:
-    column, row = x - item.x, y - item.y
+    column = x - item.x
+    row = y - item.y
     return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.footprint)[row, column])
 
 

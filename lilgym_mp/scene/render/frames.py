@@ -26,7 +26,9 @@ FONT_PIXELS = 17
 MARK_FONT_PIXELS = 10
 MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only some cells are numbered
 LINE_PIXELS = FONT_PIXELS + 8
-PAPER_RGB, INK_RGB, MARK_RGB = (255, 255, 255), (30, 30, 30), (90, 90, 90)
+PAPER_RGB = (255, 255, 255)
+INK_RGB = (30, 30, 30)
+MARK_RGB = (90, 90, 90)
 OUTLINE_RGB = (80, 80, 80)
 BOX_RGB = (240, 240, 236)  # lighter than in observations; nothing is drawn between boxes
 CELL_RGB = (180, 180, 180)
@@ -50,7 +52,8 @@ def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) 
     height, width, _ = FRAME_SHAPE
     image = Image.new("RGB", (width, height), PAPER_RGB)
     image.paste(Image.fromarray(scene_picture(scene, marked)))
-    pen, font = ImageDraw.Draw(image), caption_font()
+    pen = ImageDraw.Draw(image)
+    font = caption_font()
     for index, line in enumerate(lines):
         text = _fitted(line, width - 2 * MARGIN, pen, font)
         pen.text((MARGIN, SCENE_SHAPE[0] + index * LINE_PIXELS), text, fill=INK_RGB, font=font)
@@ -94,7 +97,8 @@ def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Imag
 def _draw_item(pen: ImageDraw.ImageDraw, item: Item, x: int, scale: int) -> None:
     """Draws the item at native pixel (x, item.y), with an edge that separates it from adjacent items of its colour."""
     corners = _square(x, item.y, item.side, scale)
-    fill, width = COLOUR_RGB[item.colour], SUPERSAMPLING
+    fill = COLOUR_RGB[item.colour]
+    width = SUPERSAMPLING
     edge = (fill[0] * 2 // 3, fill[1] * 2 // 3, fill[2] * 2 // 3) if any(fill) else (110, 110, 110)  # black: grey
     match item.shape:
         case Shape.CIRCLE:
