@@ -240,8 +240,8 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     yield (
         "ADD puts the item's upper left corner at that of the cell or, if it overlaps an item there, at a free pixel "
         "of the cell such that half of the item lies in the cell or half of the cell is covered (a condition of the "
-        "release's code, not of the paper). Then the item snaps to a neighbour up to 4 pixels away. REMOVE takes the item "
-        "that covers the largest part of the cell."
+        "release's code, not of the paper). Then the item snaps to a neighbour up to 4 pixels away. REMOVE takes the "
+        "item that covers the largest part of the cell."
     )
 
 

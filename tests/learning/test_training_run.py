@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED, main
-from lilgym_mp.learning.common.commands import _board  # pyright: ignore[reportPrivateUsage]
+from lilgym_mp.cli.training import _board  # pyright: ignore[reportPrivateUsage]
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
 
