@@ -51,7 +51,9 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
 
     def report(line: Any) -> None:
         bar.reach(getattr(line, unit), line.note)
-        for name, value in line._asdict().items() if board else ():
+        if board is None:
+            return
+        for name, value in line._asdict().items():
             if isinstance(value, int | float):
                 board().add_scalar(name, value, getattr(line, unit))
 
