@@ -4,6 +4,7 @@ A class wraps one Gymnasium environment; its factory, `name_v0`, applies the sam
 environment, a vector environment of this package, or the PettingZoo game.
 """
 
+from lilgym_mp.submodules import submodule_getter
 from lilgym_mp.wrappers.actions import ActionMask, MultiDiscreteActions, StopForcing
 from lilgym_mp.wrappers.formats import (
     ChannelsFirst,
@@ -70,3 +71,5 @@ stop_forcing_v0 = factory(StopForcing, __name__)
 structured_observation_v0 = factory(StructuredObservation, __name__)
 text_observation_v0 = factory(TextObservation, __name__)
 tokenized_statement_v0 = factory(TokenizedStatement, __name__)
+
+__getattr__ = submodule_getter(__name__)

@@ -25,6 +25,7 @@ from lilgym_mp.cli.options import INTERRUPTED, CommandError, add_commands
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.scene.choices import load_extensions
+from lilgym_mp.submodules import submodule_getter
 
 # Modules of this package, in the order of --help.
 COMMANDS = (
@@ -177,3 +178,6 @@ def _print_error(message: str, code: int = USAGE_ERROR) -> int:
     with suppress(OSError):  # stderr may be unusable, too
         print(printable(message), file=sys.stderr)
     return code
+
+
+__getattr__ = submodule_getter(__name__)

@@ -11,6 +11,7 @@ from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
 from lilgym_mp.corpus.locations import official_directory
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
+from lilgym_mp.submodules import submodule_getter
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus.checking import check_corpus
@@ -45,5 +46,5 @@ def __getattr__(name: str) -> Any:
         case "write_corpus":
             from lilgym_mp.corpus import writing as module
         case _:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            return submodule_getter(__name__)(name)
     return getattr(module, name)

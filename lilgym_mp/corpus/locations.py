@@ -28,9 +28,13 @@ def is_path(corpus: str) -> bool:
 
 
 def fixed_name(corpus: str | os.PathLike[str]) -> str:
-    """The corpus's name; a path is made absolute, "~" being the home directory."""
+    """The corpus's name; a path of something that exists is made absolute, "~" being the home directory.
+
+    Any other path stays as it is, for the error that refuses it.
+    """
     name = os.fspath(corpus)
-    return os.path.abspath(os.path.expanduser(name)) if is_path(name) else name
+    path = os.path.abspath(os.path.expanduser(name))
+    return path if is_path(name) and os.path.exists(path) else name
 
 
 def is_split(corpus: str | os.PathLike[str]) -> bool:

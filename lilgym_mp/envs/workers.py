@@ -324,7 +324,8 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._page_users: list[weakref.ref[Any] | None] = [None] * pages
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
-        self.spec = replace(spec, kwargs={**given, **settings, "num_envs": num_envs, "render_mode": render_mode})
+        rendering = {} if render_mode is None else {"render_mode": render_mode}
+        self.spec = replace(spec, kwargs={**given, **settings, **rendering, "num_envs": num_envs})
         self._own = own.part
         try:
             with _starting:

@@ -7,6 +7,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Observations, Policy, random_legal, random_unmasked
 from lilgym_mp.evaluation.runs import evaluate
+from lilgym_mp.submodules import submodule_getter
 
 if TYPE_CHECKING:
     from lilgym_mp.evaluation.results import Summary, summarise, training_statements
@@ -28,7 +29,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name not in ("Summary", "summarise", "training_statements"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return submodule_getter(__name__)(name)
     from lilgym_mp.evaluation import results
 
     return getattr(results, name)

@@ -2,6 +2,7 @@
 
 from lilgym_mp.programs.compiler import Program, bounded_truths, compile_program, explain_program
 from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError, StepLimitError
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = [
     "Position",
@@ -13,3 +14,5 @@ __all__ = [
     "compile_program",
     "explain_program",
 ]
+
+__getattr__ = submodule_getter(__name__)

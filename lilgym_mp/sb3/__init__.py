@@ -1,5 +1,7 @@
 """Training with Stable-Baselines3: environments, a policy, and a recipe."""
 
+from lilgym_mp.submodules import submodule_getter
+
 try:
     import sb3_contrib  # noqa: F401
     import stable_baselines3  # noqa: F401
@@ -13,3 +15,5 @@ from lilgym_mp.sb3.vec_env import BACKENDS, BatchVecEnv, make_vec_env
 
 __all__ = ["BACKENDS", "BatchVecEnv", "EntropySchedule", "LilGymPolicy", "Recipe", "StatementRolloutBuffer"]
 __all__ += ["agent_of", "make_vec_env", "recipe"]
+
+__getattr__ = submodule_getter(__name__)

@@ -12,6 +12,7 @@ from itertools import product
 from typing import Any, NamedTuple, NoReturn, Protocol, Self, TypeVar, cast
 
 from lilgym_mp.scene.choices import listed
+from lilgym_mp.submodules import submodule_getter
 
 Member = TypeVar("Member")
 Fields = TypeVar("Fields", bound=tuple[Any, ...])
@@ -275,3 +276,6 @@ def _one_of(record: Mapping[str, object], key: str, choices: Mapping[Any, Member
         if value == name:
             return member
     raise SceneError(f"unknown {key} {value!r}; choose from {listed(choices)}")
+
+
+__getattr__ = submodule_getter(__name__)

@@ -25,5 +25,8 @@ from lilgym_mp.solver.expert import Expert
 from lilgym_mp.solver.solution import ActionSet, Solution, Status
 from lilgym_mp.solver.solver import Solver
 from lilgym_mp.solver.weighted_goals import WeightedGoal, WeightedPlan
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = ["ActionSet", "Expert", "Solution", "Solver", "Status", "WeightedGoal", "WeightedPlan"]
+
+__getattr__ = submodule_getter(__name__)

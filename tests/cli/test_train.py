@@ -85,7 +85,7 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(
 ):
     written: list[tuple[str, float, int]] = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
-    module = SimpleNamespace(SummaryWriter=lambda path: writer if path == tmp_path / "tensorboard" else None)
+    module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
     trained(lilgym, tmp_path, "--corpus", str(own), "--tensorboard")
     lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]

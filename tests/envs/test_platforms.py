@@ -7,12 +7,6 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-from typing_extensions import TypeAliasType, TypeVar
-
-from lilgym_mp.envs import buffers
-
 ROOT = Path(__file__).resolve().parents[2]
 WINDOWS = """
 import os, signal, sys
@@ -96,9 +90,3 @@ def test_without_posix__all_but_workers_run(tmp_path: Path, own_corpus: Path) ->
 
 def test_without_linux__workers_run_with_spawn(tmp_path: Path) -> None:
     assert run(tmp_path, MACOS + WORKERS) == "stepped\n"
-
-
-def test_types_of_buffers__are_read_from_both_forms_of_numpy_s_alias():
-    scalar = TypeVar("scalar", bound=np.generic)
-    alias = TypeAliasType("alias", np.ndarray[tuple[int, ...], np.dtype[scalar]], type_params=(scalar,))  # as in 2.5
-    assert buffers._scalar(NDArray[np.uint8]) is buffers._scalar(alias[np.uint8]) is np.uint8

@@ -28,7 +28,7 @@ def found(browser: Browser, **filters: Any) -> tuple[int, list[str]]:
     response = browser.get("/explore", params={"appearance": "tower", "split": "dev", **filters})
     assert response.status_code == 200, response.text
     total = re.search(r"Statements \d+ to \d+ of (\d+)", response.text)
-    ids = re.findall(r'<a href="/explore/tower/dev/([^"]+)">', response.text)
+    ids = re.findall(r'<a href="[./]*explore/tower/dev/([^"]+)">', response.text)
     return int(total[1]) if total else 0, ids
 
 

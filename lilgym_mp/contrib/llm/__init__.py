@@ -6,6 +6,7 @@ docs/language_models.md explains how to plug in a model.
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, make_agent
 from lilgym_mp.contrib.llm.player import Player, play_all
 from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, success_interval, summarise, wilson_interval
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = [
     "AgentError",
@@ -21,3 +22,5 @@ __all__ = [
     "summarise",
     "wilson_interval",
 ]
+
+__getattr__ = submodule_getter(__name__)

@@ -6,5 +6,8 @@ Does not import torch.
 
 from lilgym_mp.contrib.report.report_data import ReportError
 from lilgym_mp.contrib.report.writing import make_report
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = ["ReportError", "make_report"]
+
+__getattr__ = submodule_getter(__name__)

@@ -8,6 +8,7 @@ plan task over several turns. docs/language_models.md shows how to train with th
 from lilgym_mp.contrib.rlvr.generation import rows
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, RowError, expert_reply, images_of, messages_of
 from lilgym_mp.contrib.rlvr.scoring import Conversation, score
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = [
     "KINDS",
@@ -20,3 +21,5 @@ __all__ = [
     "rows",
     "score",
 ]
+
+__getattr__ = submodule_getter(__name__)

@@ -8,6 +8,7 @@ of boxes, `items` and `boxes` statements, `tower` and `scatter` those of one app
 from lilgym_mp.corpus.generator.generated_corpus import CorpusSpec, Entry, generated_entries, load_generated, split_of
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.writer import TrainingPair
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = [
     "LEVELS",
@@ -21,3 +22,5 @@ __all__ = [
     "statements",
     "training_pairs",
 ]
+
+__getattr__ = submodule_getter(__name__)

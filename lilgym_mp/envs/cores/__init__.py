@@ -16,6 +16,7 @@ from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = ["FEWEST_COMPILED", "Core", "make_core"]
 
@@ -44,3 +45,6 @@ def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, Sequence[Task
         message = f"batches run several times slower because numba cannot be imported: {fault}"
         warnings.warn(message, RuntimeWarning, stacklevel=2)
         return None
+
+
+__getattr__ = submodule_getter(__name__)

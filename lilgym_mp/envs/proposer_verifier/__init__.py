@@ -29,6 +29,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, View
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
+from lilgym_mp.submodules import submodule_getter
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:
@@ -91,6 +92,6 @@ if not HAS_PETTINGZOO:
     def __getattr__(name: str) -> NoReturn:
         """Explains why the PettingZoo environments are missing."""
         if name not in __all__:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            return submodule_getter(__name__)(name)
         message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
         raise ImportError(message, name="pettingzoo")

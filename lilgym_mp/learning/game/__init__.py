@@ -1,1 +1,5 @@
 """Learning both sides of the proposer-verifier game, on the update of `learning.ppo`."""
+
+from lilgym_mp.submodules import submodule_getter
+
+__getattr__ = submodule_getter(__name__)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.scene.appearances.base import Appearance, Edit, Grid, InvalidReason, PlacementRules
 from lilgym_mp.scene.appearances.grids import NATIVE, RELEASED_GRID, GridError, checked_grid
 from lilgym_mp.scene.choices import choose
+from lilgym_mp.submodules import submodule_getter
 
 if TYPE_CHECKING:
     from lilgym_mp.scene.appearances.scatter import Scatter
@@ -55,5 +56,5 @@ def _made(builder: str | Builder, grid: Grid) -> Appearance:
 def __getattr__(name: str) -> Any:
     """Imports `Tower` and `Scatter` when first used."""
     if name not in ("Tower", "Scatter"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return submodule_getter(__name__)(name)
     return resolve_name(f"{__name__}.{name.lower()}:{name}")

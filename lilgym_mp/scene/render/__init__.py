@@ -5,5 +5,8 @@
 """
 
 from lilgym_mp.scene.render.drawing import draw, image_shape, shrink_of
+from lilgym_mp.submodules import submodule_getter
 
 __all__ = ["draw", "image_shape", "shrink_of"]
+
+__getattr__ = submodule_getter(__name__)

@@ -38,7 +38,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"message_cost": float("nan")}, "message_cost must be a finite number, not nan"),
     ({"message_cost": "1"}, "message_cost must be a finite number, not '1'"),
     ({"deceptive_share": 1.5}, "deceptive_share must be between 0 and 1, not 1.5"),
-    ({"views": "picture"}, "unknown view 'picture'; choose from image, structured"),
+    ({"views": "picture"}, "unknown view 'picture'; choose from guide, image, structured"),
     ({"views": {"scene": "sound"}}, "unknown scene view 'sound'; choose from image, none, structured"),
     ({"views": {"statement": "sound"}}, "unknown statement view 'sound'; choose from none, text, tokens"),
     ({"views": {"smell": True}}, "unknown field of a view 'smell'; choose from history, proposal, proposed_scene"),
