@@ -7,7 +7,8 @@ protocols, settings and results.
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, NoReturn
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.envs.proposer_verifier.batched import BatchedGames
@@ -87,10 +88,12 @@ if HAS_PETTINGZOO and hasattr(pettingzoo, "register"):  # 1.27 has it
     if ENVIRONMENT_ID not in pettingzoo.parallel_registry:
         pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
 
-if not HAS_PETTINGZOO:
+if HAS_PETTINGZOO:
+    __getattr__ = submodule_getter(__name__)
+else:
 
-    def __getattr__(name: str) -> NoReturn:
-        """Explains why the PettingZoo environments are missing."""
+    def __getattr__(name: str) -> ModuleType:
+        """Imports modules on first use, and explains why the PettingZoo environments are missing."""
         if name not in __all__:
             return submodule_getter(__name__)(name)
         message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
