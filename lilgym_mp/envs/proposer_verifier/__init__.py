@@ -88,13 +88,10 @@ if HAS_PETTINGZOO and hasattr(pettingzoo, "register"):  # 1.27 has it
     if ENVIRONMENT_ID not in pettingzoo.parallel_registry:
         pettingzoo.register("parallel", ENVIRONMENT_ID, f"{__name__}:parallel_env")
 
-if HAS_PETTINGZOO:
-    __getattr__ = submodule_getter(__name__)
-else:
 
-    def __getattr__(name: str) -> ModuleType:
-        """Imports modules on first use, and explains why the PettingZoo environments are missing."""
-        if name not in __all__:
-            return submodule_getter(__name__)(name)
-        message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
-        raise ImportError(message, name="pettingzoo")
+def __getattr__(name: str) -> ModuleType:
+    """Imports modules on first use, and explains why the PettingZoo environments are missing."""
+    if name not in __all__:
+        return submodule_getter(__name__)(name)
+    message = f"{name} needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
+    raise ImportError(message, name="pettingzoo")
