@@ -28,13 +28,16 @@ def is_path(corpus: str) -> bool:
 
 
 def fixed_name(corpus: str | os.PathLike[str]) -> str:
-    """The corpus's name; a path of something that exists is made absolute, "~" being the home directory.
+    """The corpus's name; a path is made absolute, "~" being the home directory.
 
-    Any other path stays as it is, for the error that refuses it.
+    A word alone (no directory, no suffix) that names nothing stays as it is, for the error that refuses it.
     """
     name = os.fspath(corpus)
+    if not is_path(name):
+        return name
     path = os.path.abspath(os.path.expanduser(name))
-    return path if is_path(name) and os.path.exists(path) else name
+    looks_like_path = os.path.dirname(name) != "" or os.path.splitext(name)[1] != ""
+    return path if looks_like_path or os.path.exists(path) else name
 
 
 def is_split(corpus: str | os.PathLike[str]) -> bool:
