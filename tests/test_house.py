@@ -272,7 +272,7 @@ def test_editable_install__lets_type_checkers_find_the_wrappers(tmp_path: Path):
     for name in ("setuptools", "pyright"):
         _needs(name)
     for name in ("lilgym_mp", "wrappers", "data", "scripts"):
-        shutil.copytree(ROOT / name, tmp_path / name)
+        shutil.copytree(ROOT / name, tmp_path / name, symlinks=True)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
     program = "import sys; sys.path.insert(0, 'scripts'); import build_backend; build_backend.build_editable('.')"
