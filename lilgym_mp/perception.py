@@ -28,8 +28,8 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances import APPEARANCES, part_of
+from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.scatter.geometry import is_free
 from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from lilgym_mp.scene.arrays import UInt8Array

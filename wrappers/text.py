@@ -17,7 +17,7 @@ from PIL import Image
 
 from lilgym_mp.envs.observation import StatementSpace, statement_space
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
@@ -183,20 +183,13 @@ def is_shown(appearance: Appearance, legal: Callable[[], BoolArray], index: int)
 
 def item_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
     """The scene item by item, with the cell of each item's centre."""
+    places = places_of(appearance.grid)
     for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
         for item in box.items:
             words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
             place = f"of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
-            yield f"  {words} {place}{_cell_of(item, index, appearance)}"
-
-
-def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
-    places = places_of(appearance.grid)
-    if not places.are_cells:
-        return ""
-    column, row = places.at(box, item.x + item.side // 2, item.y + item.side // 2)
-    return f", its centre in cell ({column}, {row})"
+            yield f"  {words} {place}{places.of_centre(index, item)}"
 
 
 def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:

@@ -9,6 +9,7 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,7 +94,8 @@ class BoxTransformer(Model):
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.factorisation = joint_factorisation(appearance, separators=separators)
         places = places_of(appearance.grid)
-        self.restriction = "no actions on separators" if places.has_separators and not separators else ""
+        place_count = self.factorisation.heads[1].size
+        self.restriction = "no actions on separators" if place_count < prod(places.counts) else ""
         self.text = TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
@@ -111,7 +113,7 @@ class BoxTransformer(Model):
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
         self.act_feedforward = Feedforward(width)
-        self.arguments = ARGUMENTS[type(places)](places, width, self.factorisation.heads[1].size)
+        self.arguments = ARGUMENTS[type(places)](places, width, place_count)
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)

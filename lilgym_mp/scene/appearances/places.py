@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.base import Appearance, Grid
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
 
-class Boxes(NamedTuple):
+class Boxes:
     """Edits name boxes, as AddBlock and RemoveBlock do."""
 
-    fields: Sequence[str] = ("box",)  # of a REMOVE; the first ones of an ADD
-    counts: tuple[int, ...] = (BOX_COUNT,)  # values of each field
-    size: tuple[int, int] = (BOX_SIDE, BOX_SIDE)  # width and height of a place in pixels
-    box_shape: tuple[int, int] = (1, 1)  # rows and columns of places in a box
-    box_names: Sequence[str] = BOX_NAMES  # to show, if edits name them
-    limits: Sequence[str] = ()  # sentences on the numbers that fields may have
-    has_separators: bool = False  # whether places may lie between boxes, where no edit is legal
-    are_cells: bool = False  # whether a place is a part of a box, larger than a pixel
+    fields = ("box",)  # of a REMOVE; the first ones of an ADD
+    counts = (BOX_COUNT,)  # values of each field
+    size = (BOX_SIDE, BOX_SIDE)  # width and height of a place in pixels
+    box_shape = (1, 1)  # rows and columns of places in a box
+    box_names = BOX_NAMES  # to show, if edits name them
+    limits = ()  # sentences on the numbers that fields may have
 
     def by_box(self, box: Int64Array) -> Int64Array:
         """The indices of places, by box."""
         return box
 
-    def at(self, box: int, x: int, y: int) -> tuple[int, ...]:
-        """The place of a pixel of a box."""
-        return (box,)
+    def of_centre(self, box: int, item: Item) -> str:
+        """Words on the place of an item's centre, where the box and the item's position do not tell it."""
+        return ""
 
     def columns(self, box: int, spacing: int) -> Iterator[tuple[int, str]]:
         """The numbers of a box's columns, with their first x in the image: none."""
@@ -56,9 +54,8 @@ class Cells(NamedTuple):
     """Edits name cells of a grid over the image, as AddItem and RemoveItem do."""
 
     counts: Grid
-    fields: Sequence[str] = ("column", "row")
-    box_names: Sequence[str] = ()
-    has_separators: bool = True
+    fields = ("column", "row")
+    box_names = ()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -71,18 +68,21 @@ class Cells(NamedTuple):
         return BOX_SIDE // height, BOX_SIDE // width
 
     @property
-    def limits(self) -> Sequence[str]:
+    def limits(self) -> tuple[str]:
         columns, rows = self.counts
         return (f"COLUMN, 0 .. {columns - 1}, and ROW, 0 .. {rows - 1}",)
-
-    @property
-    def are_cells(self) -> bool:
-        return self.size != (1, 1)
 
     def at(self, box: int, x: int, y: int) -> tuple[int, int]:
         """The cell of a pixel of a box."""
         width, height = self.size
         return (box * BOX_PITCH + x) // width, y // height
+
+    def of_centre(self, box: int, item: Item) -> str:
+        """Words on the cell of an item's centre, unless cells are pixels."""
+        if self.size == (1, 1):
+            return ""
+        column, row = self.at(box, item.x + item.side // 2, item.y + item.side // 2)
+        return f", its centre in cell ({column}, {row})"
 
     def by_box(self, column: Int64Array, row: Int64Array) -> Int64Array:
         """The indices of cells, by box, then row-major; those on separators come last."""
