@@ -28,9 +28,10 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.scene.appearances import APPEARANCES, part_of
 from lilgym_mp.scene.appearances.base import fits_box
-from lilgym_mp.scene.appearances.placement import is_free
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances.scatter.geometry import is_free
+from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw, image_shape
@@ -49,11 +50,12 @@ class PerceptionError(ValueError):
 def read_scene(image: UInt8Array, appearance: str) -> Scene:
     """The scene shown by `image`; drawing it gives exactly `image`.
 
-    `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: "tower" or "scatter".
+    `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: its name.
     Tower blocks are ordered from bottom to top; Scatter items by x, then y.
     Raises PerceptionError naming the wrong size, pixel or box, also if items occlude one another.
     """
-    read_box = choose("appearance", appearance, {"tower": _read_tower, "scatter": _read_box})
+    choose("appearance", appearance, APPEARANCES)
+    read_box = part_of(appearance, "reading from pixels", {"tower": _read_tower, "scatter": _read_box})
     shrink = _shrink_of(image)
     left, middle, right = (read_box(pixels, index, shrink) for index, pixels in enumerate(_regions(image, shrink)))
     return Scene((left, middle, right))

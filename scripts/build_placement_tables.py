@@ -1,4 +1,4 @@
-"""Builds data/placement.npz, the lookup tables of `lilgym_mp.scene.appearances.placement`, with shapely.
+"""Builds data/placement.npz, the lookup tables of `lilgym_mp.scene.appearances.scatter.geometry`, with shapely.
 
     python scripts/build_placement_tables.py [--output data/placement.npz]
 
@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from lilgym_mp.scene import FOOTPRINT_COUNT, FOOTPRINT_SIDES, Shape
-from lilgym_mp.scene.appearances.placement import (
+from lilgym_mp.scene.appearances.scatter.geometry import (
     AREA_UNIT,
     FIRST_TOO_FAR,
     LARGEST_SIDE,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances.placement import is_free
+from lilgym_mp.scene.appearances.scatter.geometry import is_free
 
 Y, K, B = Colour.YELLOW, Colour.BLACK, Colour.BLUE
 SMALL, MEDIUM, LARGE = Size.SMALL, Size.MEDIUM, Size.LARGE

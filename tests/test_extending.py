@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
-from importlib.util import find_spec
 from pathlib import Path
 from textwrap import dedent
 from types import SimpleNamespace
@@ -51,50 +50,118 @@ if __name__ == "__main__":
     BatchedGames(2, configuration="LampsScratch", corpus=corpus, protocol="claims", rewards=rewards).reset(seed=0)
     print("used")
 """
+WEB = """
+from pathlib import Path
+from tests.web.web_app import Browser, server
+
+with server(Path("."), corpus="lamps.jsonl") as app:
+    browser = Browser(app)
+    assert browser.get("/play").status_code == 200
+    begun = browser.post("/api/play/episodes", {"configuration": "LampsScratch", "split": "train"})
+    print(begun.status_code, begun.json()["statement"])
+"""
 
 
-def test_recipes__work_from_an_installed_package_that_nobody_imports(tmp_path: Path) -> None:
-    package = tmp_path / "lamp_world"
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with an installed package that nobody imports, its corpus and recorded episodes to come."""
+    path = tmp_path_factory.mktemp("installed")
+    package = path / "lamp_world"
     package.mkdir()
     (package / "__init__.py").write_text("\n".join((WORD, LAMPS, PROTOCOL, TERM.split("game =")[0])))
     lamps = (ROOT / "tests" / "envs" / "lamps.py").read_text()
     (package / "lamps.py").write_text(f"{lamps}\n\ndef make_lamps(grid):\n    return Lamps()\n")
-    info = tmp_path / "lamp_world-1.dist-info"
+    info = path / "lamp_world-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Name: lamp_world\nVersion: 1\n")
     (info / "entry_points.txt").write_text("[lilgym_mp]\nlamp_world = lamp_world\n")
-    task = {"id": "2", "appearance": "lamps", "split": "train", "statement": "Exactly two of the lamps shine."}
+    entry = {"id": "2", "appearance": "lamps", "split": "train", "statement": "Exactly two of the lamps shine."}
     start = {"id": "2-no", "label": False, "scene": [[], [], []]}
-    corpus, script = tmp_path / "lamps.jsonl", tmp_path / "use.py"
     header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
-    lines = [header, {**task, "program": "count(all_items) == 2", "starts": [start]}]
-    corpus.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    script.write_text(USE)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
-    done = subprocess.run(
-        [sys.executable, script, corpus], capture_output=True, text=True, env=environment, check=False
-    )
+    lines = [
+        header,
+        {**entry, "program": "exist(filter_obj(all_items, is_high)) and count(all_items) == 2", "starts": [start]},
+    ]
+    (path / "lamps.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (path / "use.py").write_text(USE)
+    (path / "web.py").write_text(WEB)
+    return path
+
+
+def run_in(installed: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """What a new process of Python does in which the package is installed; a player would ask for a hint."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(installed)))}
+    options: Any = {"capture_output": True, "text": True, "cwd": installed, "env": environment, "check": False}
+    return subprocess.run([sys.executable, *arguments], input="hint\nadd left yellow\n", **options)
+
+
+NO_EXPERT = "appearance 'lamps' has no expert; those that have one: scatter, tower"
+NO_HEADS = "appearance 'lamps' has no heads for its actions; choose another model"
+NO_RECIPE = "appearance 'lamps' has no recipe for this learner; those that have one: scatter, tower"
+NO_SAMPLER = "appearance 'lamps' has no sampler of scenes; those that have one: scatter, tower"
+LAMPS_TRAIN = "LampsScratch --corpus lamps.jsonl --split train"
+NEW_RUN = "--corpus lamps.jsonl --held-out 0 --out run"
+long = pytest.mark.long
+FIRST_COMMANDS = [
+    pytest.param(f"evaluate --policy random-legal --configuration {LAMPS_TRAIN} --record played", "random-legal"),
+    pytest.param(f"evaluate --policy expert --configuration {LAMPS_TRAIN}", NO_EXPERT, marks=long),
+    pytest.param("evaluate --protocol poker", "claims", marks=long),
+    pytest.param(f"train ppo LampsScratch {NEW_RUN}", NO_HEADS, marks=long),
+    pytest.param(f"train game LampsScratch --protocol claims {NEW_RUN}", NO_HEADS, marks=long),
+    pytest.param(f"train imitation LampsScratch {NEW_RUN}", NO_RECIPE, marks=long),
+    pytest.param(f"train reward-model LampsScratch {NEW_RUN}", NO_RECIPE, marks=long),
+    pytest.param(f"play {LAMPS_TRAIN}", f"{NO_EXPERT}\n> add left yellow"),
+    pytest.param(f"play {LAMPS_TRAIN} --protocol claims", "ADD(MIDDLE, YELLOW)"),
+    pytest.param("explain --configuration LampsScratch --program is_high(all_items)", "is_high", marks=long),
+    pytest.param("explain --configuration LampsScratch --program exist(filter_obj(all_items,is_high))", NO_SAMPLER),
+    pytest.param("data generate 1 --appearances lamps --out new.jsonl", "invalid choice: 'lamps' (choose from tower, "),
+    pytest.param("data synthesize lamps.jsonl --out new.jsonl", NO_SAMPLER),
+    pytest.param(f"data collect {LAMPS_TRAIN} --quality random-legal --episodes 2 --out set.jsonl", "set.jsonl"),
+    pytest.param(f"data collect {LAMPS_TRAIN} --episodes 2 --out other.jsonl", NO_EXPERT, marks=long),
+    pytest.param("data check lamps.jsonl", "no faults"),
+    pytest.param("bench LampsScratch --corpus lamps.jsonl --quick --only single", "single", marks=long),
+    pytest.param(f"solve {LAMPS_TRAIN}", NO_EXPERT),
+]
+
+
+@pytest.mark.parametrize(("command", "expected"), FIRST_COMMANDS)
+def test_first_command__knows_what_an_installed_package_adds(installed: Path, command: str, expected: str) -> None:
+    for word, module in (("train", "torch"), ("--protocol", "pettingzoo")):
+        if word in command.split():
+            pytest.importorskip(module, reason=f"{module} is not installed")
+    done = run_in(installed, "-m", "lilgym_mp", *command.split())
+    assert expected in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+MAKE = "import gymnasium{}; gymnasium.make('{}lilgym_mp/LampsScratch-v0', corpus='lamps.jsonl')"
+
+
+@pytest.mark.parametrize("code", [MAKE.format(", lilgym_mp", ""), MAKE.format("", "lilgym_mp:")])
+def test_first_make__knows_what_an_installed_package_adds(installed: Path, code: str) -> None:
+    assert run_in(installed, "-c", code).stderr == ""
+
+
+def test_recipes__work_in_batches_workers_and_games(installed: Path) -> None:
+    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    done = run_in(installed, "use.py", "lamps.jsonl")
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
 
-    def error_of(*arguments: object) -> str:
-        command = [sys.executable, *map(str, arguments)]
-        return subprocess.run(
-            command, capture_output=True, text=True, env=environment, check=False, input="hint"
-        ).stderr
 
-    make = f"import gymnasium, lilgym_mp; gymnasium.make('lilgym_mp/LampsScratch-v0', corpus={str(corpus)!r})"
-    assert error_of("-c", make) == ""
-    command = ("-m", "lilgym_mp")
-    assert "claims" in error_of(*command, "evaluate", "--protocol", "poker")
-    no_sampler = "appearance 'lamps' has no sampler of scenes; those that have one: scatter, tower"
-    assert no_sampler in error_of(*command, "data", "synthesize", corpus, "--out", tmp_path / "starts.jsonl")
-    word = "exist(filter_obj(all_items, is_high))"
-    assert no_sampler in error_of(*command, "explain", "--program", word, "--configuration", "LampsScratch")
-    played = ("play", "LampsScratch", "--corpus", corpus, "--split", "train")
-    assert error_of(*command, *played) == ""  # the hint that there is none does not end the session
-    if find_spec("torch") is not None:
-        game = ("train", "game", "LampsScratch", "--protocol", "claims", "--corpus", tmp_path / "none.jsonl")
-        assert "none.jsonl" in error_of(*command, *game, "--out", tmp_path / "game")
+@pytest.mark.long
+def test_browser__plays_an_appearance_of_an_installed_package(installed: Path) -> None:
+    pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
+    done = run_in(installed, "web.py")
+    assert done.stdout.splitlines()[-1:] == ["201 Exactly two of the lamps shine."], done.stderr
+
+
+@pytest.mark.long
+def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed: Path) -> None:
+    pytest.importorskip("matplotlib", reason="reports need the extra `report`")
+    policy = ("--policy", "random-legal", "--record", "recorded")
+    run_in(installed, "-m", "lilgym_mp", "evaluate", *policy, "--configuration", *LAMPS_TRAIN.split())
+    assert run_in(installed, "-m", "lilgym_mp", "report", "recorded", "--out", "page").stderr == ""
+    assert "LampsScratch" in (installed / "page" / "index.html").read_text()
 
 
 def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch: pytest.MonkeyPatch) -> None:

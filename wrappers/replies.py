@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, cast
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import BOX_NAMES, STOP, ActionError, named
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.base import optional
 
 
 class Reply(NamedTuple):
@@ -80,7 +81,6 @@ _FIELDS = (BOX_NAMES, Shape.__members__, Colour.__members__, Size.__members__)  
 _FILLERS = frozenset(
     word.upper() for word in ("a", "an", "the", "one", "to", "in", "into", "at", "on", "of", "from", "top", "block")
 ) | frozenset(("ITEM", "OBJECT", "BOX", "TOWER", "CELL", "COLUMN", "ROW", "COL"))
-_TOWER_FILLERS = frozenset(("MEDIUM", "SQUARE"))  # properties of every block
 
 
 def parse_reply(
@@ -306,7 +306,7 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
 
 @lru_cache(64)  # many replies repeat themselves
 def _edit(verb: str, inside: str, appearance: Appearance) -> int | None:
-    ignored = _TOWER_FILLERS if appearance.grid is None else ()
+    ignored = optional(appearance, "given_words") or ()
     words = sorted((word for word in _words(inside) if word not in ignored), key=_field)
     try:
         return appearance.encode(named(f"{verb}({', '.join(words)})"))

@@ -17,9 +17,10 @@ from PIL import Image
 
 from lilgym_mp.envs.observation import StatementSpace, statement_space
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
-from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
@@ -139,9 +140,9 @@ def shown_lines(scene: Scene, appearance: Appearance, style: str, *, rules: bool
     if choose("scene", style, SCENE_STYLES):
         yield f"Scene: the picture, of {IMAGE_WIDTH} x {IMAGE_HEIGHT} pixels, with the boxes LEFT, MIDDLE and RIGHT."
     if style == "image":
-        yield from cell_lines(appearance) if rules else ()
+        yield from places_of(appearance.grid).explain() if rules else ()
     else:
-        yield from (SCALE, *cell_lines(appearance)) if rules else ()
+        yield from (SCALE, *places_of(appearance.grid).explain()) if rules else ()
         yield from item_lines(scene, appearance)
 
 
@@ -182,19 +183,13 @@ def is_shown(appearance: Appearance, legal: Callable[[], BoolArray], index: int)
 
 def item_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
     """The scene item by item, with the cell of each item's centre."""
+    places = places_of(appearance.grid)
     for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
         for item in box.items:
             words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
             place = f"of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
-            yield f"  {words} {place}{_cell_of(item, index, appearance)}"
-
-
-def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
-    if appearance.grid is None or (cell := cell_size(appearance.grid)) == (1, 1):
-        return ""
-    column = (box * BOX_PITCH + item.x + item.side // 2) // cell[0]
-    return f", its centre in cell ({column}, {(item.y + item.side // 2) // cell[1]})"
+            yield f"  {words} {place}{places.of_centre(index, item)}"
 
 
 def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
@@ -263,7 +258,7 @@ def instructions(dynamics: Dynamics, rewards: str | None = None) -> str:
             " whether to make it true or false. When it is as wanted, STOP.",
             rewards or reward_line(dynamics),
             SCALE,
-            *cell_lines(dynamics.appearance),
+            *places_of(dynamics.appearance.grid).explain(),
             *dynamics.appearance.explain(dynamics.rules.placement),
             answer_line(dynamics.appearance),
             ANSWER_RULES.format(example=describe(dynamics.appearance.example)),
@@ -280,28 +275,6 @@ def reward_line(dynamics: Dynamics) -> str:
         f" {reward[Outcome.CONTINUES]}; the episode also ends with action {dynamics.horizon}, and if that is no STOP,"
         f" its reward is {reward[Outcome.HORIZON]}."
     )
-
-
-def cell_lines(appearance: Appearance) -> Iterator[str]:
-    """The grid of cells; nothing for appearances whose actions name only boxes."""
-    if appearance.grid is None:
-        return
-    width, height = cell_size(appearance.grid)
-    lefts = range(0, BOX_COUNT * BOX_PITCH, BOX_PITCH)
-    places = [(left // width, (left + BOX_SIDE) // width - 1) for left in lefts]  # first and last column of each box
-    boxes = ", ".join(f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, places, strict=True))
-    gaps = [(last + 1, first - 1) for (_, last), (first, _) in itertools.pairwise(places)]
-    between = " and ".join(f"{first}-{last}" for first, last in gaps if first <= last)
-    yield (
-        f"Cells (column, row) of {width} x {height} pixels: columns of the boxes {boxes}; columns {between} are"
-        f" separators, where nothing can be; rows 0-{appearance.grid[1] - 1} from the top. A box's cell covers x from"
-        f" {width} * (column - its first column) and y from {height} * row."
-    )
-
-
-def cell_size(grid: Grid) -> tuple[int, int]:
-    """Width and height of a cell in pixels."""
-    return IMAGE_WIDTH // grid[0], IMAGE_HEIGHT // grid[1]
 
 
 def answer_line(appearance: Appearance) -> str:

@@ -29,6 +29,7 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.wrappers.replies import action_on
@@ -103,7 +104,7 @@ class Session:
             "show": self._show,
             "back": lambda: self.begin(task_id=self._env.task.id),
             "next": self.begin,
-            "help": lambda: print("\n".join([usage(self._env.dynamics.appearance), *HELP])),
+            "help": lambda: print("\n".join([usage(self._env.dynamics.appearance.grid), *HELP])),
         }
 
     def begin(self, seed: int | None = None, task_id: str | None = None) -> None:
@@ -183,12 +184,10 @@ def read_action(line: str, appearance: Appearance) -> int:
 
 def usage(appearance: Appearance) -> str:
     """How edits are written."""
-    example = f"such as: {describe(appearance.example)}"
-    if appearance.grid is None:
-        return f"write stop, remove BOX or add BOX COLOUR, {example}"
-    columns, rows = appearance.grid
-    cell = f"COLUMN, 0 .. {columns - 1}, and ROW, 0 .. {rows - 1}"
-    return f"write stop, remove COLUMN ROW or add COLUMN ROW SHAPE COLOUR SIZE, {example}; {cell}"
+    places = places_of(appearance.grid)
+    remove, add = (" ".join(fields).upper() for fields in (places.fields, appearance.example._fields))
+    forms = f"write stop, remove {remove} or add {add}, such as: {describe(appearance.example)}"
+    return "; ".join((forms, *places.limits))
 
 
 HELP = (

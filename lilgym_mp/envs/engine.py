@@ -53,8 +53,7 @@ class BatchSettings(SingleConfig):
         """The scenes and the rules, which batches that exchange states must share."""
         dynamics = self.dynamics()
         grid = dynamics.appearance.grid
-        shown = self.appearance if grid is None else f"{self.appearance} with a grid of {grid[0]}x{grid[1]}"
-        return f"{shown}, rules={self.rules!r}, horizon={dynamics.horizon}"
+        return f"{self.appearance}, grid={grid}, rules={self.rules!r}, horizon={dynamics.horizon}"
 
     def array_specs(self) -> dict[str, ArraySpec]:
         """Shape and dtype of each of the buffers' arrays."""

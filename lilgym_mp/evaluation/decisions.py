@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import prod
 from typing import Any, Self
 
 import numpy as np
 
 from lilgym_mp.evaluation.policies import PolicyOutput
-from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import Action, ActionType, describe, named
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.base import action_arrays
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 MAX_LIKELIEST = 5  # actions and programs recorded per step
@@ -81,10 +82,9 @@ def action_cells(appearance: Appearance) -> tuple[Int64Array, Int64Array, int]:
 
     Tower's cells are its boxes; Scatter's have the index column x rows + row.
     """
-    types, first, second = action_arrays(appearance).T[:3]
-    columns, rows = appearance.grid or (BOX_COUNT, 1)
-    cells = first if appearance.grid is None else first * rows + second
-    return types, np.where(types == ActionType.STOP, 0, cells), columns * rows
+    counts = places_of(appearance.grid).counts
+    types, *fields = action_arrays(appearance).T[: 1 + len(counts)].clip(0)
+    return types, np.ravel_multi_index(tuple(fields), counts), prod(counts)
 
 
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:

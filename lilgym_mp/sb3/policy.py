@@ -194,6 +194,9 @@ class EntropySchedule(BaseCallback):
         return True
 
 
+STATEMENT_EPISODES = {"tower": 4}  # of the results in the documents; 2 for other appearances
+
+
 class Recipe(NamedTuple):
     """Arguments that train as `lilgym-mp train ppo --stop-forcing` does."""
 
@@ -213,7 +216,7 @@ def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> R
         "wrap": structured_observation_v0,
         "vocabulary": Vocabulary(words),
         "same_statement": ours.same_statement,
-        "statement_episodes": 4 if settings.appearance == "tower" else 2,  # those of the results in the documents
+        "statement_episodes": STATEMENT_EPISODES.get(settings.appearance, 2),
         "recolour": ours.recolour,
         "empty_starts": ours.empty_starts,
         "stop_forcing": True,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Item
 from lilgym_mp.scene.appearances import PlacementRules, Scatter
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, add_index, remove_index
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, add_index, remove_index
 from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.solver.canonical_items import COLOUR_COUNT, OVERHANG, TYPES_PER_SIZE, ZONE_COUNT, ZONE_PAIR_COUNT, zones
 

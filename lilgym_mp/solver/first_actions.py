@@ -25,7 +25,7 @@ from lilgym_mp.scene import (
     Size,
 )
 from lilgym_mp.scene.actions import AddItem
-from lilgym_mp.scene.appearances.placement import LARGEST_MOVE, SNAP_REACH
+from lilgym_mp.scene.appearances.scatter.geometry import LARGEST_MOVE, SNAP_REACH
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver import edit_tables
 from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -11,7 +11,7 @@ from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.appearances import Scatter, Tower
+from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.choices import checked_count
 from lilgym_mp.solver.class_search import Reachability, program_goal
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
@@ -26,12 +26,8 @@ from lilgym_mp.solver.weighted_goals import (
     WeightedPlanner,
 )
 
-SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
+SEARCHES: dict[str, Callable[[Any, Dynamics], Search]] = {"tower": TowerSearch, "scatter": ScatterSearch}
 CACHE_SIZE = 4_096  # action sets
-
-
-class UnsupportedAppearance(ValueError):
-    """There is no search for an appearance."""
 
 
 class Solver:
@@ -44,10 +40,7 @@ class Solver:
         """
         self.dynamics = dynamics
         appearance = dynamics.appearance
-        if type(appearance) not in SEARCHES:
-            choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
-            raise UnsupportedAppearance(f"appearance {appearance.name!r} has no expert; those that have one: {choices}")
-        self._search = SEARCHES[type(appearance)](appearance, dynamics)
+        self._search = part_of(appearance.name, "expert", SEARCHES)(appearance, dynamics)
         given = self._search.budget if budget is None else budget
         self.budget = checked_count("budget", given, of=" of scenes or None")
 

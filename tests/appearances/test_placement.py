@@ -16,7 +16,7 @@ from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
-from lilgym_mp.scene.appearances.placement import (
+from lilgym_mp.scene.appearances.scatter.geometry import (
     AREA_UNIT,
     FIRST_TOO_FAR,
     OFFSET_COUNT,

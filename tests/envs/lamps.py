@@ -8,7 +8,7 @@ import numpy as np
 
 from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
 from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, Stop
-from lilgym_mp.scene.appearances.base import Edit, InvalidReason, PlacementRules
+from lilgym_mp.scene.appearances.base import ArrayForm, Edit, InvalidReason, PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
 
 NAME = "lamps"
@@ -18,6 +18,7 @@ ACTIONS: tuple[Action, ...] = (
     *(AddBlock(box, Colour.YELLOW) for box in range(3)),
     *(RemoveBlock(box) for box in range(3)),
 )
+ARRAY_FORM = ArrayForm(NAME, {"box": range(3), "colour": (Colour.YELLOW,)}, (Stop, AddBlock, RemoveBlock))
 
 
 class Lamps:
@@ -39,10 +40,10 @@ class Lamps:
         return ACTIONS.index(action)
 
     def from_array(self, values: Sequence[int]) -> Action:
-        return ACTIONS[values[0]]
+        return ARRAY_FORM.read(values)
 
     def to_array(self, action: Action) -> list[int]:
-        return [self.encode(action)]
+        return ARRAY_FORM.write(action)
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         assert isinstance(action, AddBlock | RemoveBlock)

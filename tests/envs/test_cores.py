@@ -25,7 +25,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import InvalidReason, Scatter, make_appearance
-from lilgym_mp.scene.appearances.placement import is_free
+from lilgym_mp.scene.appearances.scatter.geometry import is_free
 from lilgym_mp.scene.render import draw
 from lilgym_mp.testing import check_vector_env
 from tests.envs.alike import task_set

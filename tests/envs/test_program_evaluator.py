@@ -16,7 +16,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.values import Side
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from tests.envs.alike import started_core
 from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scene, square, tower, triangle
 

@@ -8,7 +8,7 @@ import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
 from lilgym_mp.solver.canonical_items import canonical_index
 from lilgym_mp.solver.edit_tables import (
     addition_actions,

@@ -13,6 +13,7 @@ from lilgym_mp.corpus.generator.noise import with_noise
 from lilgym_mp.corpus.generator.scatter import ScatterStatements
 from lilgym_mp.corpus.generator.tower import TowerStatements
 from lilgym_mp.corpus.generator.writer import TrainingPair
+from lilgym_mp.scene.appearances import APPEARANCES, part_of
 from lilgym_mp.scene.choices import choose
 
 BOUND_SHARE = 0.4
@@ -39,6 +40,12 @@ LEVELS: Mapping[int, Level] = {
 }
 
 
+def templates_of(appearance: str) -> type[Statements]:
+    """The generator's templates for an appearance. Raises ValueError naming the appearances that have some."""
+    choose("appearance", appearance, APPEARANCES)
+    return part_of(appearance, "generator of statements", TEMPLATES)
+
+
 def training_pairs(
     appearance: str, seed: int, *, noise: bool = True, bound_share: float = BOUND_SHARE
 ) -> Iterator[TrainingPair]:
@@ -48,7 +55,7 @@ def training_pairs(
     People differ over bare numbers: in a share `bound_share` of the pairs "two" can mean at least two, and "one of the
     boxes" exactly one. With 0 a statement always has the same meaning. Raises ValueError for an unknown appearance.
     """
-    sampler = choose("appearance", appearance, TEMPLATES)(random.Random(f"pairs {appearance} {seed}"))
+    sampler = templates_of(appearance)(random.Random(f"pairs {appearance} {seed}"))
     while True:
         sampler.style = replace(sampler.random_style(), bare_number_is_bound=sampler.chance(bound_share))
         statement, program = sampler.sample()
@@ -68,7 +75,7 @@ def statements(appearance: str, level: int, rng: random.Random) -> Iterator[Trai
     Numbers are exact; wordings that people read in two ways are left out. The call itself draws from `rng`, before the
     first statement is asked for. Raises ValueError for an unknown appearance or level.
     """
-    sampler = choose("appearance", appearance, TEMPLATES)(rng)
+    sampler = templates_of(appearance)(rng)
     if level not in LEVELS:
         raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
     return _statements(sampler, level)

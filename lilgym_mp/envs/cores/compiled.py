@@ -18,7 +18,7 @@ from lilgym_mp.envs.observation import EMPTY
 from lilgym_mp.envs.rules import Dynamics, result_index
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import draw, image_shape, shrink_of
 from lilgym_mp.scene.render.drawing import LARGEST_PATCH, palette, stamp

@@ -20,7 +20,7 @@ from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.envs.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 
 NO_ITEM = -1

@@ -16,7 +16,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 # Sentinels instead of a program's index

@@ -21,8 +21,8 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.scene.appearances.cell_places import cell_places
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
+from lilgym_mp.scene.appearances.scatter.cell_places import cell_places
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.canvas import box_blits

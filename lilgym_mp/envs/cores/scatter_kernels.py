@@ -19,11 +19,12 @@ from lilgym_mp.envs.cores.kernels import (
     kernel,
 )
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Item
-from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, numbering, placement
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
 from lilgym_mp.scene.appearances.base import LAST_CORNER
-from lilgym_mp.scene.appearances.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
-from lilgym_mp.scene.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, OFFSET_LIMIT, OVERLAPPING, TIED
+from lilgym_mp.scene.appearances.scatter import actions, geometry
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
+from lilgym_mp.scene.appearances.scatter.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
+from lilgym_mp.scene.appearances.scatter.geometry import FIRST_TOO_FAR, LARGEST_MOVE, OFFSET_LIMIT, OVERLAPPING, TIED
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
 TIE = -2  # sentinel instead of a reason: ambiguous snap, resolved by `tied_move`
@@ -31,15 +32,15 @@ ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
 MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
 NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 
-cell_and_item_type = inlined(numbering.cell_and_item_type)
-add_index = inlined(numbering.add_index)
-remove_index = inlined(numbering.remove_index)
+cell_and_item_type = inlined(actions.cell_and_item_type)
+add_index = inlined(actions.add_index)
+remove_index = inlined(actions.remove_index)
 
 
 class GridTables(NamedTuple):
     """Tables for one grid and one rule set."""
 
-    clearance: UInt8Array  # `placement.PlacementTables`
+    clearance: UInt8Array  # `geometry.PlacementTables`
     moves: UInt8Array
     areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `LAST_CORNER`
@@ -68,7 +69,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     last = np.array(LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
     separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
-    tables = placement.placement_tables()
+    tables = geometry.placement_tables()
     return GridTables(
         clearance=tables.clearance,
         moves=tables.moves,
@@ -92,7 +93,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
 
 
 def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
-    areas = placement.cell_areas(cell_width, cell_height)
+    areas = geometry.cell_areas(cell_width, cell_height)
     _, ranks = np.unique(areas, return_inverse=True)
     return ranks.reshape(areas.shape).astype(np.uint16)
 
@@ -100,7 +101,7 @@ def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
 def tied_move(footprint: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
     """The snap move, encoded as in `GridTables.moves`, if several pairs of points are nearest to each other."""
     frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
-    move_x, move_y = placement.placement_tables().move(footprint, x, y, other, frame_x)
+    move_x, move_y = geometry.placement_tables().move(footprint, x, y, other, frame_x)
     return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE
 
 

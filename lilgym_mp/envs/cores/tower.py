@@ -1,4 +1,4 @@
-"""The compiled core of Tower: each box is one of the 121 stacks of `appearances.tower`, by index."""
+"""The compiled core of Tower: each box is one of the 121 stacks of `appearances.tower.geometry`, by index."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lilgym_mp.envs.cores.program_evaluator import StackBoxLowering
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Scene
-from lilgym_mp.scene.appearances.tower import EDIT_REASONS, tower_tables
+from lilgym_mp.scene.appearances.tower.geometry import EDIT_REASONS, tower_tables
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 

@@ -8,7 +8,8 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,13 +29,14 @@ from lilgym_mp.learning.common.attention import (
     TextEncoder,
     attention_mask,
 )
-from lilgym_mp.learning.common.factored_policy import box_cells, joint_factorisation
+from lilgym_mp.learning.common.factored_policy import joint_factorisation
 from lilgym_mp.learning.common.model import Model, Prediction
 from lilgym_mp.learning.common.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.scene import BOX_COUNT, Colour
 from lilgym_mp.scene.actions import ActionType
-from lilgym_mp.scene.appearances import Appearance, Grid
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.places import Boxes, Cells, places_of
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
 CHANNELS = 32  # channels of a patch
@@ -91,7 +93,9 @@ class BoxTransformer(Model):
         self.vocabulary = vocabulary
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.factorisation = joint_factorisation(appearance, separators=separators)
-        self.restriction = "" if appearance.grid is None or separators else "no actions on separators"
+        places = places_of(appearance.grid)
+        place_count = self.factorisation.heads[1].size
+        self.restriction = "no actions on separators" if place_count < prod(places.counts) else ""
         self.text = TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
@@ -109,9 +113,7 @@ class BoxTransformer(Model):
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
         self.act_feedforward = Feedforward(width)
-        cells = self.factorisation.heads[1].size
-        grid = appearance.grid
-        self.arguments = TowerArguments(width) if grid is None else ScatterArguments(grid, width, cells)
+        self.arguments = ARGUMENTS[type(places)](places, width, place_count)
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
@@ -257,10 +259,10 @@ class BoxEncoder(nn.Module):
         return EncodedBoxes(self.feedforward(self.whole(encoded.flatten(1))), encoded)
 
 
-class TowerArguments(nn.Module):
-    """Argument head for Tower: ADD of each colour, and REMOVE, for each box."""
+class BoxArguments(nn.Module):
+    """Argument head for edits of boxes, as in Tower: ADD of each colour, and REMOVE, for each box."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, places: Boxes, width: int, boxes: int) -> None:
         super().__init__()
         self.out = nn.Linear(width, len(Colour) + 1)
         nn.init.orthogonal_(self.out.weight, SMALL_GAIN)
@@ -271,15 +273,15 @@ class TowerArguments(nn.Module):
         return logits[..., :-1].flatten(1), logits[..., -1]
 
 
-class ScatterArguments(nn.Module):
-    """Argument head for Scatter: ADD of each item type, and REMOVE, for each cell."""
+class CellArguments(nn.Module):
+    """Argument head for edits of cells, as in Scatter: ADD of each item type, and REMOVE, for each cell."""
 
     CELL = 32
 
-    def __init__(self, grid: Grid, width: int, cells: int) -> None:
+    def __init__(self, places: Cells, width: int, cells: int) -> None:
         """`cells`: of the three boxes, or also of the separators."""
         super().__init__()
-        self.rows, self.columns, _ = box_cells(grid)
+        self.rows, self.columns = places.box_shape
         self.seen = nn.Linear(CHANNELS, self.CELL)
         self.place = nn.Parameter(0.02 * torch.randn(self.rows * self.columns, self.CELL))
         self.box = nn.Linear(width, self.CELL)
@@ -319,3 +321,7 @@ class ScatterArguments(nn.Module):
         hidden = F.relu(self.cell(hidden)) * self.cell_of_box(features)[:, :, None]  # (N, 3, cells, 32)
         adds = self.add(hidden) + self.wanted(features)[:, :, None]
         return adds.flatten(1), self.remove(hidden).flatten(1)
+
+
+# By what edits name
+ARGUMENTS: Mapping[type, Callable[[Any, int, int], nn.Module]] = {Boxes: BoxArguments, Cells: CellArguments}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.scene import Box, Item, Scene
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.appearances.base import optional
 from lilgym_mp.scene.arrays import Int64Array
 
 GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
@@ -19,13 +19,19 @@ GAP_BINS = len(GAP_BOUNDS) + 1
 
 
 class BoxIndex:
-    """A growing list of distinct boxes; with the appearance "tower" it begins with all of Tower's."""
+    """A growing list of distinct boxes; of an appearance with few, it begins with `every_box` of them.
+
+    `distances`: (B, B) edits from each of these to each, None without.
+    """
 
     def __init__(self, appearance: str | None = None) -> None:
         self._indices: dict[tuple[Item, ...], int] = {}
         self.boxes: list[Box] = []
-        if appearance == "tower":
-            for box in tower_tables().boxes:  # so that `box_distances` has their indices
+        known = None if appearance is None else optional(make_appearance(appearance), "every_box")
+        self.distances: Int64Array | None = None
+        if known is not None:
+            self.distances = known.distances
+            for box in known.boxes:  # so that `distances` has their indices
                 self.index(box)
 
     def __len__(self) -> int:
@@ -84,12 +90,3 @@ def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
         if box.items:
             row[: len(box.items)] = box.items
     return items
-
-
-@cache
-def box_distances() -> Int64Array:
-    """(121, 121) edits from one box to another."""
-    colours = tower_tables().colours
-    heights = tower_tables().heights
-    equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
-    return heights[:, None] + heights[None] - 2 * np.cumprod(equal, axis=2).sum(2)

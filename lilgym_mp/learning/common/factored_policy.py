@@ -9,21 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from math import prod
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionType
-from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances import Appearance, UnsupportedAppearance
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPES, item_type_of
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import Float32Array, Float64Array, Int64Array
 
 UNUSED = -1  # sentinel: an argument the type does not use, or an action without probability
 STOP = 0  # action index
+ITEM_FIELDS = {"shape": len(Shape), "colour": len(Colour), "size": len(Size)}  # their numbers of values
 MAX_ACTIONS = 50_000
 
 
@@ -85,44 +87,25 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
     """One head for ADD, over box, cell and item type, and one for REMOVE, over box and cell.
 
     A Tower box is a single cell with three item types, its colours. Scatter's cells on separators, where no edit is
-    ever legal, come after the others with `separators`, and have probability 0 without. Raises ValueError for an
-    appearance whose action arrays have other slots.
+    ever legal, come after the others with `separators`, and have probability 0 without. Raises UnsupportedAppearance
+    unless every place has an ADD of every item type and the action arrays have a slot for each field.
     """
     types, *slots = action_arrays(appearance).T
-    if len(slots) != (2 if appearance.grid is None else 5):
-        raise ValueError(f"appearance {appearance.name!r} has no heads for its actions; choose another model")
-    if appearance.grid is None:
-        cells, item_types = slots
-        item_type_count = len(Colour)
-    else:
-        columns, rows, *item = slots
-        cells = _cells(appearance.grid, columns, rows)
-        item_types = item_type_of(*item)
-        item_type_count = len(ITEM_TYPES)
+    places = places_of(appearance.grid)
+    fields = appearance.example._fields
+    item_sizes = [ITEM_FIELDS[field] for field in fields[len(places.counts) :]]
+    if len(slots) == len(fields):
+        indices = places.by_box(*slots[: len(places.counts)])
+        item_types = np.ravel_multi_index([slot.clip(0) for slot in slots[len(places.counts) :]], item_sizes)
+        chosen = {ActionType.ADD: indices * prod(item_sizes) + item_types, ActionType.REMOVE: indices}
         if not separators:
-            height, width, _ = box_cells(appearance.grid)
-            in_box = cells < BOX_COUNT * height * width
+            in_box = indices < BOX_COUNT * prod(places.box_shape)
             types = np.where(in_box | (types == ActionType.STOP), types, UNUSED)
-    chosen = {ActionType.ADD: cells * item_type_count + item_types, ActionType.REMOVE: cells}
-    choices = np.stack([np.where(types == edit, chosen[edit], UNUSED) for edit in _EDITS], 1)
-    heads = (Head(1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
-    return Factorisation(tuple(heads), types, choices)
-
-
-def _cells(grid: Grid, columns: Int64Array, rows: Int64Array) -> Int64Array:
-    """The cells' indices, by box, then row-major; those on separators come last."""
-    height, width, pitch = box_cells(grid)
-    boxes, columns = np.divmod(columns, pitch)
-    in_box = (boxes * height + rows) * width + columns
-    on_separator = BOX_COUNT * height * width + (boxes * height + rows) * (pitch - width) + columns - width
-    return np.where(columns < width, in_box, on_separator)
-
-
-def box_cells(grid: Grid) -> tuple[int, int, int]:
-    """Cell rows and columns of a box, and columns from a box to the next."""
-    columns, rows = grid
-    width = IMAGE_WIDTH // columns
-    return rows, BOX_SIDE // width, BOX_PITCH // width
+        choices = np.stack([np.where(types == edit, chosen[edit], UNUSED) for edit in _EDITS], 1)
+        heads = tuple(Head(1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
+        if heads[0].size == heads[1].size * prod(item_sizes) == np.count_nonzero(types == ActionType.ADD):
+            return Factorisation(heads, types, choices)
+    raise UnsupportedAppearance(f"appearance {appearance.name!r} has no heads for its actions; choose another model")
 
 
 class Uniforms(Protocol):

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.learning.common.boxes import BoxIndex, box_distances
+from lilgym_mp.learning.common.boxes import BoxIndex
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
-from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP, Action
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 Rng = np.random.Generator
@@ -99,12 +99,12 @@ class Collector:
         return entry.add(boxes, truth=task.target == (outcome is Outcome.SUCCESS))
 
     def _nearest(self, entry: Entry, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
-        """In Tower, the task whose start the scene is nearest to, and the edits between them."""
-        if self.dynamics.appearance.grid is not None:
+        """The task whose start the scene is nearest to, and the edits between them, where distances are known."""
+        if self.table.distances is None:
             return task_index, edits
         if len(entry.start_boxes) != len(entry.tasks):
             entry.start_boxes = np.array([self.table.of(task.start) for task in entry.tasks])
-        distances = box_distances()[entry.start_boxes, boxes].sum(1)
+        distances = self.table.distances[entry.start_boxes, boxes].sum(1)
         nearest = int(distances.argmin())
         return (nearest, int(distances[nearest])) if distances[nearest] < edits else (task_index, edits)
 
@@ -193,28 +193,13 @@ class Collector:
     def edited(self, scene: Scene) -> Scene | None:
         """The scene after a random legal edit: an ADD or a REMOVE; None if none was found."""
         appearance = self.dynamics.appearance
+        places = places_of(appearance.grid)
         for _ in range(MAX_TRIES):
-            after, invalid = appearance.apply(scene, self._random_edit(scene), self.dynamics.rules.placement)
+            edit = places.random_edit(appearance, scene, self.rng)
+            after, invalid = appearance.apply(scene, edit, self.dynamics.rules.placement)
             if invalid is None:
                 return after
         return None
-
-    def _random_edit(self, scene: Scene) -> Action:
-        """In a grid, where a random REMOVE would rarely find an item, one of an item's cell as often as an ADD."""
-        rng = self.rng
-        appearance = self.dynamics.appearance
-        if appearance.grid is None:
-            return appearance.decode(1 + int(rng.integers(appearance.action_count - 1)))
-        width, height = IMAGE_WIDTH // appearance.grid[0], IMAGE_HEIGHT // appearance.grid[1]
-        box = int(rng.integers(BOX_COUNT))
-        items = scene.boxes[box].items
-        if items and rng.random() < 0.5:
-            item = items[rng.integers(len(items))]
-            x, y = item.x + item.side // 2, item.y + item.side // 2
-            return RemoveItem((box * BOX_PITCH + x) // width, y // height)
-        x, y = rng.integers(BOX_SIDE, size=2).tolist()
-        item_type = ITEM_TYPES[rng.integers(len(ITEM_TYPES))]
-        return AddItem((box * BOX_PITCH + x) // width, y // height, *item_type)
 
 
 def sample_scenes(entry: Entry, count: int, paired: float, rng: Rng) -> Int64Array:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 
 from lilgym_mp.envs.config import setting
 from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.choices import choose, flag_name
 
 
@@ -42,7 +43,8 @@ class Recipe:
         """
         defaults: Mapping[str, Any] = {}
         if cls.by_appearance:
-            defaults = cls.by_appearance[choose("configuration", configuration, CONFIGURATIONS)[0]]
+            appearance, _ = choose("configuration", configuration, CONFIGURATIONS)
+            defaults = part_of(appearance, "recipe for this learner", cls.by_appearance)
         return cls(**{**defaults, **changes})
 
     def to_json(self) -> dict[str, Any]:

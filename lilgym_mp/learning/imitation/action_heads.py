@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from math import prod
 
 import numpy as np
 
 from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.common.factored_policy import STOP, edit_actions, joint_factorisation
-from lilgym_mp.learning.imitation.box_features import CELLS
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import Int64Array
 
 STOP_INDEX = 0  # index of STOP's logit
@@ -51,8 +52,8 @@ def action_heads(appearance: Appearance) -> ActionHeads:
     factorisation = joint_factorisation(appearance)
     adds = edit_actions(factorisation, ActionType.ADD, (0,))
     removes = edit_actions(factorisation, ActionType.REMOVE, (1,))
-    side = 1 if appearance.grid is None else CELLS
-    cells = BOX_COUNT, side, side  # by row, then column; here by column, then row
+    shape = places_of(appearance.grid).box_shape
+    cells = BOX_COUNT, *shape  # by row, then column; here by column, then row
     adds, removes = (actions.reshape(*cells, -1).swapaxes(1, 2).ravel() for actions in (adds, removes))
     action_of = np.concatenate([[STOP], adds, removes])
     index_of = np.full(appearance.action_count, -1, np.int64)
@@ -61,4 +62,4 @@ def action_heads(appearance: Appearance) -> ActionHeads:
     recoloured = [
         [index_of[appearance.encode(recolouring.action(action))] for action in actions] for recolouring in RECOLOURINGS
     ]
-    return ActionHeads(side**2, len(adds) // len(removes), action_of, index_of, np.array(recoloured, np.int64))
+    return ActionHeads(prod(shape), len(adds) // len(removes), action_of, index_of, np.array(recoloured, np.int64))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
-from lilgym_mp.scene.appearances.cell_places import legal_edits
+from lilgym_mp.scene.appearances.scatter.cell_places import legal_edits
 from lilgym_mp.scene.arrays import one_hot
 
 CELL = 20  # pixels: side of a cell of the released grid

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from lilgym_mp.learning.common.attention import Attention, Feedforward, StatementEncodings, TextEncoder, attention_mask
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import FOOTPRINT_COUNT, Colour, Shape, Size
+from lilgym_mp.scene.appearances import part_of
 
 MAX_STEPS = 8  # classes of the steps-to-go head
 RELATION_GATES = 8  # per relation layer
@@ -168,8 +169,9 @@ class ScatterHeads(nn.Module):
         hidden = F.relu(self.mix(features) + self.box(box[:, :boxes])[..., None, :])
         return self.out(hidden), legal
 
-    def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
-        """(S, A, adds) and (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C) and `legal`."""
+    def forward(self, boxes: Tensor, encodings: BoxEncodings, acting: Tensor) -> tuple[Tensor, Tensor]:
+        """(S, A, adds) and (S, A, removes) logits from `boxes` (S, A, 3, d) of the scenes `acting` (S, A, 3)."""
+        cells, legal = (gather_boxes(cast("Tensor", part), acting) for part in (encodings.cells, encodings.legal))
         add_queries = self.wanted(boxes).unflatten(-1, (self.item_types, CELL_CHANNELS))
         add_legality = legal.gather(-1, self.footprints.expand(*legal.shape[:-1], -1))
         adds = cells @ add_queries.transpose(-1, -2) + self.look(boxes)[..., None, :] + add_legality
@@ -180,16 +182,28 @@ class ScatterHeads(nn.Module):
 class TowerHeads(nn.Module):
     """Argument heads for Tower: ADD of each colour, and REMOVE, for each box."""
 
+    geometry = None  # no cells
+
     def __init__(self, width: int) -> None:
         super().__init__()
         self.out = nn.Linear(width, len(Colour) + 1)
 
-    def forward(self, boxes: Tensor) -> tuple[Tensor, Tensor]:
+    def encode_cells(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[None, None]:
+        """There are none."""
+        return None, None
+
+    def forward(self, boxes: Tensor, encodings: BoxEncodings, acting: Tensor) -> tuple[Tensor, Tensor]:
+        """(S, A, adds) and (S, A, removes) logits from `boxes` (S, A, 3, d)."""
         logits = self.out(boxes)
         return logits[..., :-1].flatten(2), logits[..., -1]
 
 
+HEADS: dict[str, type[ScatterHeads | TowerHeads]] = {"scatter": ScatterHeads, "tower": TowerHeads}
+
+
 class ImitationNetwork(nn.Module):
+    """Encodes boxes given a statement, then scenes; `HEADS` has the parts that an appearance's actions need."""
+
     def __init__(
         self,
         appearance: str,
@@ -201,7 +215,7 @@ class ImitationNetwork(nn.Module):
         item_layers: int = 2,
         dropout: float = 0.1,
     ) -> None:
-        """`appearance`: "tower" or "scatter"; `vocabulary`: its size."""
+        """`appearance`: of HEADS; `vocabulary`: its size."""
         super().__init__()
         self.text = TextEncoder(vocabulary, width, heads, text_layers, dropout)
         self.item = nn.Linear(FIXED_FEATURES, width)
@@ -227,8 +241,14 @@ class ImitationNetwork(nn.Module):
         self.types = nn.Linear(width, 2)
         self.steps = nn.Linear(width, MAX_STEPS)
         self.dropout = nn.Dropout(dropout)
-        self.scatter = ScatterHeads(width) if appearance == "scatter" else None
-        self.tower = TowerHeads(width) if appearance == "tower" else None
+        # The appearance's name is in the names of its saved parameters
+        self._appearance = appearance
+        self.add_module(appearance, part_of(appearance, "network for imitation", HEADS)(width))
+
+    @property
+    def heads(self) -> ScatterHeads | TowerHeads:
+        """Those of the appearance."""
+        return cast("ScatterHeads | TowerHeads", self.get_submodule(self._appearance))
 
     def forward(self, inputs: Inputs, targets: Tensor) -> Outputs:
         """`targets` (S, A) of the first A scenes of each statement: 1 to make it true, 0 false."""
@@ -254,9 +274,7 @@ class ImitationNetwork(nn.Module):
         box = box.unflatten(0, inputs.by_box.shape[:2])
         box = self.box_feedforward(self.box_reading(box, key_values[len(self.item_layers)], mask))
         terms = self.box_sum(box), self.box_again(box), self.act_box(box)
-        if self.scatter is None:
-            return BoxEncodings(*terms, None, None)
-        return BoxEncodings(*terms, *self.scatter.encode_cells(x, box, inputs))
+        return BoxEncodings(*terms, *self.heads.encode_cells(x, box, inputs))
 
     def predict(self, statements: StatementEncodings, boxes: BoxEncodings, scenes: Tensor, targets: Tensor) -> Outputs:
         """Outputs for `scenes` (S, N, 3), composed of the boxes; `targets` (S, A) as in `forward`."""
@@ -270,14 +288,8 @@ class ImitationNetwork(nn.Module):
         conditioned = scene[:, :count] + self.target(targets).to(scene.dtype)
         features = gather_boxes(boxes.action_terms, acting) + self.act_scene(conditioned)[:, :, None]
         features = self.act_feedforward(features)  # (S, A, 3, d) of each box given its scene and target
-        if self.scatter is not None:
-            assert boxes.cells is not None
-            assert boxes.legal is not None
-            heads = self.scatter(features, gather_boxes(boxes.cells, acting), gather_boxes(boxes.legal, acting))
-        else:
-            assert self.tower is not None
-            heads = self.tower(features)
-        whole, (adds, removes) = features.sum(2), heads
+        adds, removes = self.heads(features, boxes, acting)
+        whole = features.sum(2)
         outputs = Outputs(truth, self.types(whole), adds, removes, self.steps(whole), boxes.legal)
         return Outputs._make(None if output is None else output.float() for output in outputs)
 

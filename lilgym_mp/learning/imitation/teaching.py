@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock
-from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.scene.appearances.numbering import remove_index
+from lilgym_mp.scene.actions import Action, AddItem
+from lilgym_mp.scene.appearances import Scatter, part_of
+from lilgym_mp.scene.appearances.scatter.actions import remove_index
 from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_table
 
 STOPS_PER_LABEL = 3  # scenes stopped in for each scene with truth alone that is asked for
@@ -96,7 +96,8 @@ def first_edits(dynamics: Dynamics, scene: Scene, edits: Sequence[Action]) -> se
     found: set[int] = set()
     for position, edit in enumerate(edits):
         if position == 0 or _after(dynamics, scene, (edit, *edits[:position], *edits[position + 1 :])) == goal:
-            found.update(_equivalent(dynamics, scene, edit))
+            find = part_of(dynamics.appearance.name, "equivalent edits for imitation", EQUIVALENT)
+            found.update(find(dynamics, scene, edit))
     return found
 
 
@@ -109,17 +110,18 @@ def _after(dynamics: Dynamics, scene: Scene, edits: Sequence[Action]) -> Scene |
     return scene
 
 
-def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
-    """Edits of boxes equal to the edit's that do the same to them: in Scatter, as far as the features tell."""
-    appearance = dynamics.appearance
+def _equivalent_blocks(dynamics: Dynamics, scene: Scene, edit: Any) -> list[int]:
+    """Edits of boxes equal to the edit's that do the same to them."""
+    equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[edit.box]]
+    return [dynamics.appearance.encode(edit._replace(box=other)) for other in equal]
+
+
+def _equivalent_items(dynamics: Dynamics, scene: Scene, edit: Any) -> list[int]:
+    """Edits of boxes equal to the edit's that do the same to them, as far as the features tell."""
     placement = dynamics.rules.placement
-    if appearance.grid is None:
-        block = cast("AddBlock | RemoveBlock", edit)
-        equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[block.box]]
-        return [appearance.encode(block._replace(box=other)) for other in equal]
-    scatter = cast("Scatter", appearance)
+    scatter = cast("Scatter", dynamics.appearance)
     is_addition = isinstance(edit, AddItem)
-    action = appearance.encode(edit)
+    action = scatter.encode(edit)
 
     def results(index: int) -> tuple[np.ndarray, np.ndarray]:
         """The actions on a box, and what each does to it, negative if nothing."""
@@ -136,3 +138,6 @@ def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
     )
     equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[index]]
     return [one for other in equal for one in found[other][0][found[other][1] == wanted].tolist()]
+
+
+EQUIVALENT = {"tower": _equivalent_blocks, "scatter": _equivalent_items}

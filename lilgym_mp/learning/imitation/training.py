@@ -235,11 +235,11 @@ class Run(TrainingRun):
 
     def _pretrain_geometry(self) -> None:
         """Trains the prediction of legal edits, also where a teacher replaces text pretraining."""
-        heads = self._network.scatter
+        geometry = self._network.heads.geometry
         of_run = self.budget.amount or ImitationOptions().updates
         updates = round(GEOMETRY_UPDATES * self._recipe.pretraining * of_run)
-        if heads is not None and updates:
-            pretrain_geometry(heads.geometry, self._policy.table, updates, self._recipe.warmup, self._rng)
+        if geometry is not None and updates:
+            pretrain_geometry(geometry, self._policy.table, updates, self._recipe.warmup, self._rng)
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining

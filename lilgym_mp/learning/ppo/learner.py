@@ -73,9 +73,13 @@ class PPORecipe(UpdateRecipe):
 # neither specifies it. docs/training.md compares them.
 
 
+PAPER_ENTROPY = {"tower": 0.1}  # of Tower alone; 0.3 for other appearances
+
+
 def _paper(configuration: str, model: str) -> dict[str, Any]:
     appearance, start = CONFIGURATIONS[configuration]
     fine_tuned = model in FINE_TUNED
+    entropy = PAPER_ENTROPY.get(appearance, 0.3)
     return {
         "critic": "separate",  # [P]
         "mask": False,  # [P]
@@ -94,8 +98,8 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "learning_rate": 3e-5 if fine_tuned or start == "flipit" else 3e-4,  # [P]
         "schedule": "cosine" if fine_tuned else "linear",  # [P] cosine; unspecified for the others: [B]
         "warmup": 0.01 if fine_tuned else 0.0,  # [P]
-        "entropy": 0.1 if appearance == "tower" else 0.3,  # [P]
-        "final_entropy": 0.01 if appearance == "tower" else 0.03,  # [ours] a constant bonus leaves the policy random
+        "entropy": entropy,  # [P]
+        "final_entropy": entropy / 10,  # [ours] a constant bonus leaves the policy random
         "gamma": 0.99,  # [B]
         "gae_lambda": 0.95,  # [B]
         "advantages": "normalised",  # [B]

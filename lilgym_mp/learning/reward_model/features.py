@@ -8,7 +8,7 @@ names them in a standard order; else learning which word goes with which colour 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import accumulate, permutations, product
 from typing import Any, NamedTuple
@@ -23,7 +23,8 @@ from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable
 from lilgym_mp.learning.common.words import StatementTokenizer, exchange_table, pad_rows
 from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
-from lilgym_mp.scene.appearances.tower import CAPACITY
+from lilgym_mp.scene.appearances import part_of
+from lilgym_mp.scene.appearances.tower.geometry import CAPACITY
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
 
 COLOURS = len(Colour)
@@ -36,16 +37,6 @@ SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins 
 MOST_BOXES = 100_000
 Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
-
-
-ITEM_PARTS = {  # feature columns of an item, by appearance
-    "tower": {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
-    "scatter": {"colour": COLOURS, "shape": SHAPES, "size": SIZES, "gaps": 4 * GAP_BINS, "centre": 2 * CENTRE_BINS},
-}
-BOX_PARTS = {  # feature columns of a box
-    "tower": {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
-    "scatter": {"count": MOST_COUNTED + 1, "colours": 4, "shapes": 4, "sizes": 4},
-}
 
 
 class Exchange(NamedTuple):
@@ -80,7 +71,8 @@ class Exchange(NamedTuple):
             "counts": (colour[:, None] * CAPACITY + np.arange(CAPACITY)).ravel(),
             "pairs": (colour[:, None] * COLOURS + colour).ravel(),
         }
-        return _columns(ITEM_PARTS[appearance], moved), _columns(BOX_PARTS[appearance], moved)
+        features = features_of(appearance)
+        return _columns(features.item, moved), _columns(features.box, moved)
 
 
 def _columns(parts: Mapping[str, int], moved: Mapping[str, Int64Array]) -> Int64Array:
@@ -94,20 +86,20 @@ def _columns(parts: Mapping[str, int], moved: Mapping[str, Int64Array]) -> Int64
 def exchanges(appearance: str) -> tuple[Exchange, ...]:
     """All exchanges, the identity first."""
     colours = permutations(range(COLOURS))
-    shapes = tuple(permutations(range(SHAPES)))
-    if appearance == "tower":
+    if not features_of(appearance).varied:
         return tuple(map(Exchange, colours))
-    return tuple(Exchange(*one) for one in product(colours, shapes, (False, True)))
+    return tuple(Exchange(*one) for one in product(colours, permutations(range(SHAPES)), (False, True)))
 
 
 def standard_exchanges(words: Sequence[str], appearance: str) -> list[int]:
     """The indices of the `exchanges` after which the words name colours, shapes and sides in the same order as all
     statements: they differ in what the words do not name."""
     named = {"colours": _first_named(words, Colour)}
-    if appearance == "scatter":
+    sides: list[bool] = []
+    if features_of(appearance).varied:
         keeps_shapes = any(map(SHAPE_SYNONYM.match, words))
         named["shapes"] = tuple(range(SHAPES)) if keeps_shapes else _first_named(words, Shape)
-    sides = [word == "right" for word in words if word in ("left", "right")] if appearance == "scatter" else []
+        sides = [word == "right" for word in words if word in ("left", "right")]
     return [
         index
         for index, one in enumerate(exchanges(appearance))
@@ -131,8 +123,10 @@ class BoxTable(FeatureTable):
     def __init__(self, appearance: str) -> None:
         super().__init__(CAPACITY, appearance)
         self.appearance = appearance
-        self.item_width = sum(ITEM_PARTS[appearance].values())
-        self.box_width = sum(BOX_PARTS[appearance].values())
+        parts = features_of(appearance)
+        self.item_width = sum(parts.item.values())
+        self.box_width = sum(parts.box.values())
+        self._compute = parts.compute
         self._kinds = {bytes(self.item_width): 0}  # distinct items by their features; 0: no item
         self.item_features = np.zeros((1, self.item_width), np.uint8)  # (K, F)
 
@@ -143,8 +137,7 @@ class BoxTable(FeatureTable):
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
 
     def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, Any]:
-        compute = _tower_features if self.appearance == "tower" else _scatter_features
-        item_features, box_features = compute(items)
+        item_features, box_features = self._compute(items)
         rows = item_features.reshape(-1, self.item_width)
         kinds = [self._kinds.setdefault(row.tobytes(), len(self._kinds)) for row in rows]
         if len(self._kinds) > len(self.item_features):
@@ -216,6 +209,36 @@ def _tower_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
     return np.concatenate(item_parts, axis=-1), np.concatenate(box_parts, axis=-1)
 
 
+class Features(NamedTuple):
+    """The features of one appearance: names and widths of their columns, in order."""
+
+    item: Mapping[str, int]
+    box: Mapping[str, int]
+    compute: Callable[[Int64Array], tuple[UInt8Array, UInt8Array]]  # of items (N, I, 5): (N, I, F) and (N, G)
+    varied: bool  # whether shapes and places vary, so that shapes and sides can be exchanged
+
+
+FEATURES: dict[str, Features] = {
+    "tower": Features(
+        {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
+        {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
+        _tower_features,
+        varied=False,
+    ),
+    "scatter": Features(
+        {"colour": COLOURS, "shape": SHAPES, "size": SIZES, "gaps": 4 * GAP_BINS, "centre": 2 * CENTRE_BINS},
+        {"count": MOST_COUNTED + 1, "colours": 4, "shapes": 4, "sizes": 4},
+        _scatter_features,
+        varied=True,
+    ),
+}
+
+
+def features_of(appearance: str) -> Features:
+    """Raises UnsupportedAppearance for one without."""
+    return part_of(appearance, "features for a reward model", FEATURES)
+
+
 class InputReader:
     """Encodes statements with a vocabulary, and boxes of one appearance."""
 
@@ -273,7 +296,7 @@ class InputReader:
 
     def scenes(self, scenes: Int64Array) -> tuple[BoxFeatures, Tensor]:
         """The features of the distinct boxes of (S, N, 3) scenes, and the scenes as indices into them."""
-        if self.table.appearance == "tower":
+        if self.table.distances is not None:  # few boxes: all of them
             indices = np.arange(len(self.table))[None]
             local = scenes
         else:

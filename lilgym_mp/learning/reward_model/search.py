@@ -18,7 +18,6 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.common.planning import Plan, Planner
 from lilgym_mp.learning.reward_model.features import (
     InputReader,
@@ -30,8 +29,8 @@ from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import BoxFeatures, ModulatedNetwork, sum_boxes
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
 from lilgym_mp.scene.actions import STOP, Action, AddBlock, RemoveBlock
-from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances import Scatter, part_of
+from lilgym_mp.scene.appearances.tower.geometry import every_box, tower_tables
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 from lilgym_mp.solver.canonical_items import canonical_items
 from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_actions, removal_table
@@ -87,15 +86,12 @@ class SearchPlanner(Planner):
     @torch.inference_mode()
     def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
         """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
-        is_tower = self.reader.renewed_table().appearance == "tower"
+        table = self.reader.renewed_table()
         judge = Judge(self.network, self.reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self.is_flipit or steps > 0
-        if is_tower:
-            plans = _plan_tower(judge, scene, most_edits, self.recipe, most, may_stop=may_stop)
-        else:
-            search = _ScatterSearch(judge, self.dynamics, self.recipe)
-            plans = search.plans(scene, most_edits, most, may_stop=may_stop)
+        search = part_of(table.appearance, "search with a reward model", SEARCHES)(judge, self.dynamics, self.recipe)
+        plans = search.plans(scene, most_edits, most, may_stop=may_stop)
         lowest = plans[0].success_probability - self.recipe.edit_cost
         return [
             plan for plan in plans if len(plan.actions) == len(plans[0].actions) and plan.success_probability >= lowest
@@ -108,48 +104,53 @@ class SearchPlanner(Planner):
 def _box_edits(index: int, before: int, after: int) -> list[Action]:
     colours = tower_tables().colours
     heights = tower_tables().heights
-    kept = (heights[before] + heights[after] - box_distances()[before, after]) // 2
+    kept = (heights[before] + heights[after] - every_box().distances[before, after]) // 2
     removals: list[Action] = [RemoveBlock(index)] * int(heights[before] - kept)
     return [*removals, *(AddBlock(index, Colour(int(colours[after, level]))) for level in range(kept, heights[after]))]
 
 
-def _plan_tower(
-    judge: Judge, scene: Scene, most_edits: int, recipe: RewardModelRecipe, most: int, *, may_stop: bool
-) -> list[Plan]:
-    start = judge.reader.table.of(scene)
-    distances = box_distances()[list(start)]  # (3, 121)
-    boxes = distances.shape[1]
-    _, values = judge.box_values(np.arange(boxes))
+class _TowerSearch:
+    """Every box is replaced by any other, from the start and the best scenes so far."""
 
-    def edits_to(scenes: Int64Array) -> Int64Array:
-        return distances[np.arange(BOX_COUNT), scenes].sum(1)
+    def __init__(self, judge: Judge, dynamics: Dynamics, recipe: RewardModelRecipe) -> None:
+        self._judge = judge
+        self._recipe = recipe
 
-    beam = np.array([start], np.int64)
-    known = beam
-    for _ in range(TOWER_ROUNDS):
-        found = np.repeat(beam, BOX_COUNT * boxes, axis=0).reshape(len(beam), BOX_COUNT, boxes, BOX_COUNT)
-        for index in range(BOX_COUNT):
-            found[:, index, :, index] = np.arange(boxes)
-        candidates = _distinct(found.reshape(-1, BOX_COUNT), distances, most_edits)
-        first = values[:1], torch.from_numpy(candidates)[None]
-        scores = judge.logits(sum_boxes(*first))[0].numpy() - recipe.edit_cost * edits_to(candidates)
-        best = np.argsort(-scores, kind="stable")
-        beam = candidates[best[: recipe.beam]]
-        known = np.concatenate([known, candidates[best[:FINALISTS]]])
-    if not may_stop:
-        known = known[edits_to(known) > 0]
-    if not len(known):
-        return [Plan((STOP,), 0.0)]
-    probabilities = mean_probabilities(
-        judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
-    )
-    order = np.argsort(recipe.edit_cost * edits_to(known) - probabilities, kind="stable")
+    def plans(self, scene: Scene, most_edits: int, most: int, *, may_stop: bool) -> list[Plan]:
+        start = self._judge.reader.table.of(scene)
+        distances = every_box().distances[list(start)]  # (3, 121)
+        boxes = distances.shape[1]
+        _, values = self._judge.box_values(np.arange(boxes))
 
-    def edits(goal: Sequence[int]) -> Iterator[Action]:
-        for index, (before, after) in enumerate(zip(start, goal, strict=True)):
-            yield from _box_edits(index, before, after)
+        def edits_to(scenes: Int64Array) -> Int64Array:
+            return distances[np.arange(BOX_COUNT), scenes].sum(1)
 
-    return [Plan((*edits(known[one].tolist()), STOP), float(probabilities[one])) for one in order[:most].tolist()]
+        beam = np.array([start], np.int64)
+        known = beam
+        for _ in range(TOWER_ROUNDS):
+            found = np.repeat(beam, BOX_COUNT * boxes, axis=0).reshape(len(beam), BOX_COUNT, boxes, BOX_COUNT)
+            for index in range(BOX_COUNT):
+                found[:, index, :, index] = np.arange(boxes)
+            candidates = _distinct(found.reshape(-1, BOX_COUNT), distances, most_edits)
+            first = values[:1], torch.from_numpy(candidates)[None]
+            scores = self._judge.logits(sum_boxes(*first))[0].numpy() - self._recipe.edit_cost * edits_to(candidates)
+            best = np.argsort(-scores, kind="stable")
+            beam = candidates[best[: self._recipe.beam]]
+            known = np.concatenate([known, candidates[best[:FINALISTS]]])
+        if not may_stop:
+            known = known[edits_to(known) > 0]
+        if not len(known):
+            return [Plan((STOP,), 0.0)]
+        probabilities = mean_probabilities(
+            self._judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
+        )
+        order = np.argsort(self._recipe.edit_cost * edits_to(known) - probabilities, kind="stable")
+
+        def edits(goal: Sequence[int]) -> Iterator[Action]:
+            for index, (before, after) in enumerate(zip(start, goal, strict=True)):
+                yield from _box_edits(index, before, after)
+
+        return [Plan((*edits(known[one].tolist()), STOP), float(probabilities[one])) for one in order[:most].tolist()]
 
 
 def _distinct(scenes: Int64Array, distances: Int64Array, most_edits: int) -> Int64Array:
@@ -315,6 +316,9 @@ class _ScatterSearch:
             table = addition_table(self._scatter, placement, edit.box, items)
             actions = addition_actions(self._scatter, edit.box, np.flatnonzero(table.canonical == edit.canonical))
         return actions[0] if actions else None
+
+
+SEARCHES = {"tower": _TowerSearch, "scatter": _ScatterSearch}
 
 
 @cache

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from lilgym_mp.scene.appearances.base import Appearance, Edit, Grid, InvalidReason, PlacementRules
 from lilgym_mp.scene.appearances.grids import NATIVE, RELEASED_GRID, GridError, checked_grid
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.submodules import submodule_getter
 
 if TYPE_CHECKING:
-    from lilgym_mp.scene.appearances.scatter import Scatter
-    from lilgym_mp.scene.appearances.tower import Tower
+    from lilgym_mp.scene.appearances.scatter.rules import Scatter
+    from lilgym_mp.scene.appearances.tower.rules import Tower
 
 __all__ = [
     "APPEARANCES",
@@ -28,14 +28,17 @@ __all__ = [
     "PlacementRules",
     "Scatter",
     "Tower",
+    "UnsupportedAppearance",
     "checked_grid",
     "make_appearance",
+    "part_of",
 ]
 
+Value = TypeVar("Value")
 Builder = Callable[[Grid], Appearance]
 APPEARANCES: dict[str, str | Builder] = {  # or "module:name" of one, which is imported when first used
-    "tower": "lilgym_mp.scene.appearances.tower:make_tower",
-    "scatter": "lilgym_mp.scene.appearances.scatter:Scatter",
+    "tower": "lilgym_mp.scene.appearances.tower.rules:make_tower",
+    "scatter": "lilgym_mp.scene.appearances.scatter.rules:Scatter",
 }
 
 
@@ -45,6 +48,26 @@ def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
     Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
     """
     return _made(choose("appearance", name, APPEARANCES), checked_grid(grid))
+
+
+class UnsupportedAppearance(ValueError):
+    """An appearance lacks what is asked for, such as a search or a network."""
+
+
+def part_of(appearance: str, part: str, table: Mapping[str, Value]) -> Value:
+    """The entry of an appearance in a table of what appearances may lack.
+
+    Args:
+        appearance: The appearance's name.
+        part: What the table has, for the error, such as "expert".
+        table: The entries by name of the appearance.
+
+    Raises:
+        UnsupportedAppearance: If the appearance has no entry; the message names those that have one.
+    """
+    if appearance not in table:
+        raise UnsupportedAppearance(f"appearance {appearance!r} has no {part}; those that have one: {listed(table)}")
+    return table[appearance]
 
 
 @cache
@@ -57,4 +80,4 @@ def __getattr__(name: str) -> Any:
     """Imports `Tower` and `Scatter` when first used."""
     if name not in ("Tower", "Scatter"):
         return submodule_getter(__name__)(name)
-    return resolve_name(f"{__name__}.{name.lower()}:{name}")
+    return resolve_name(f"{__name__}.{name.lower()}.rules:{name}")

@@ -1,4 +1,4 @@
-"""The protocol of an appearance, through which the rules use Tower and Scatter."""
+"""The protocol of an appearance, through which everything else uses Tower and Scatter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_SIDES, Scene, Shape
+from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_SIDES, Box, Scene, Shape
 from lilgym_mp.scene.actions import Action, ActionError
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
@@ -47,8 +47,18 @@ class Edit(NamedTuple):
     invalid: InvalidReason | None = None
 
 
+class EveryBox(NamedTuple):
+    """All boxes that an appearance can have, where they are few."""
+
+    boxes: Sequence[Box]  # (B,)
+    distances: Int64Array  # (B, B) edits from one to another
+
+
 class Appearance(Protocol):
-    """A family of scenes with its actions. Actions have indices 0 .. action_count - 1; 0 is STOP."""
+    """A family of scenes with its actions. Actions have indices 0 .. action_count - 1; 0 is STOP.
+
+    An appearance may also have `every_box` (EveryBox), `given_words` and `sampler`, which `optional` looks up.
+    """
 
     @property
     def name(self) -> str: ...
@@ -149,3 +159,12 @@ def action_arrays(appearance: Appearance) -> Int64Array:
     """(actions, slots) the released array form of each action: its type, then its arguments, -1 in unused slots."""
     indices = range(appearance.action_count)
     return np.array([appearance.to_array(appearance.decode(index)) for index in indices], np.int64)
+
+
+def optional(appearance: Appearance, member: str) -> Any:
+    """A member that only some appearances have; None if this one has it not.
+
+    `every_box`: an `EveryBox`; `given_words`: words, in capitals, of properties that all its items have, which a reply
+    may name; `sampler`: a `sampling.Sampler` of its scenes.
+    """
+    return getattr(appearance, member, None)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import Grid
+from lilgym_mp.scene.appearances.places import Boxes, Cells, places_of
 from lilgym_mp.scene.render.drawing import item_mask
 
 TEXT_CELL = (5, 10)  # width and height in native pixels of one character
@@ -54,34 +55,27 @@ def _text_marks(item: Item, *, coloured: bool) -> Sequence[str]:
 
 
 def ruled(picture: str, grid: Grid | None) -> str:
-    """The picture of `text` with column numbers above and row numbers on the right, unchanged without a grid.
+    """The picture of `text` with the numbers of the cells that edits name: columns above, rows on the right.
 
     If cells are narrower than their numbers, only some are numbered.
     """
-    if grid is None:
-        return picture
-    columns, rows = grid
+    places = places_of(grid)
     top, *inside, bottom = picture.split("\n")
-    marks = _row_marks(rows, len(inside))
+    marks = [""] * len(inside)
+    for y, number in reversed(list(places.rows(1))):
+        marks[y // TEXT_CELL[1]] = number
     numbered = [f"{line} {mark}".rstrip() for line, mark in zip(inside, marks, strict=True)]
-    return "\n".join([_column_line(columns), top, *numbered, bottom])
+    return "\n".join([*_column_lines(places), top, *numbered, bottom])
 
 
-def _column_line(columns: int) -> str:
-    cell_width = IMAGE_WIDTH // columns
+def _column_lines(places: Boxes | Cells) -> Iterator[str]:
+    """A line of column numbers, if columns have numbers."""
     box_width = BOX_SIDE // TEXT_CELL[0] + 2 * BORDER + GAP
     line = ""
     for box in range(BOX_COUNT):
-        for x in range(0, BOX_SIDE, cell_width):
-            start = box * box_width + BORDER + x // TEXT_CELL[0]
+        for x, number in places.columns(box, 1):
+            start = box * box_width + BORDER + (x - BOX_PITCH * box) // TEXT_CELL[0]
             if start > len(line) or not line:
-                line = line.ljust(start) + str((box * BOX_PITCH + x) // cell_width)
-    return line
-
-
-def _row_marks(rows: int, lines: int) -> list[str]:
-    cell_height = IMAGE_HEIGHT // rows
-    marks = [""] * lines
-    for row in reversed(range(rows)):
-        marks[row * cell_height // TEXT_CELL[1]] = str(row)
-    return marks
+                line = line.ljust(start) + number
+    if line:
+        yield line

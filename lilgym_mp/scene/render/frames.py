@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene, Shape
-from lilgym_mp.scene.actions import BOX_NAMES
-from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances.places import Boxes, Cells, places_of
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import COLOUR_RGB
 
@@ -24,7 +24,7 @@ CAPTION_HEIGHT = 80
 FRAME_SHAPE = (SCENE_SHAPE[0] + CAPTION_HEIGHT, SCENE_SHAPE[1], 3)  # (304, 784, 3)
 FONT_PIXELS = 17
 MARK_FONT_PIXELS = 10
-MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only some cells are numbered
+MARK_SPACING = 8  # minimum native pixels between two numbers; on finer grids only some cells are numbered
 LINE_PIXELS = FONT_PIXELS + 8
 PAPER_RGB = (255, 255, 255)
 INK_RGB = (30, 30, 30)
@@ -43,7 +43,7 @@ def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
     pen = ImageDraw.Draw(image)
     _outline_boxes(pen, SCALE, MARGIN)
     if marked is not None:
-        _mark(pen, marked)
+        _mark(pen, places_of(grid))
     return np.asarray(image)
 
 
@@ -65,9 +65,9 @@ def caption_font() -> Font:
     return ImageFont.load_default(FONT_PIXELS)
 
 
-def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None) -> UInt8Array:
+def smooth_picture(scene: Scene, scale: int, grid: Grid | None = None) -> UInt8Array:
     """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines."""
-    image = _drawn(scene, scale * SUPERSAMPLING, grid)
+    image = _drawn(scene, scale * SUPERSAMPLING, places_of(grid))
     image = image.reduce(SUPERSAMPLING)
     _outline_boxes(ImageDraw.Draw(image), scale, 0)
     return np.asarray(image)
@@ -80,15 +80,14 @@ def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
         pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)
 
 
-def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Image:
+def _drawn(scene: Scene, scale: int, places: Boxes | Cells) -> Image.Image:
     image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), PAPER_RGB)
     pen = ImageDraw.Draw(image)
     for index, box in enumerate(scene.boxes):
         left = index * BOX_PITCH
         pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=BOX_RGB)
-        if grid is not None:
-            for line in _cell_lines(left, grid):
-                pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)
+        for line in _cell_lines(index, places):
+            pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)
         for item in box.items:
             _draw_item(pen, item, left + item.x, scale)
     return image
@@ -115,39 +114,28 @@ def _square(x: int, y: int, side: int, scale: int) -> tuple[int, int, int, int]:
     return x * scale, y * scale, (x + side) * scale - 1, (y + side) * scale - 1
 
 
-def _steps(cell: int) -> int:
-    """Number of cells between two numbers and lines, at least MARK_SPACING pixels."""
-    return -(-MARK_SPACING // (cell * SCALE))
-
-
-def _cell_lines(left: int, grid: tuple[int, int]) -> Iterator[tuple[int, int, int, int]]:
-    """Lines between the numbered cells of the box whose left edge is native pixel `left`: (x, y, x, y)."""
-    columns, rows = grid
-    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
-    for x in range(0, BOX_SIDE, width * _steps(width)):
-        yield left + x, 0, left + x, BOX_SIDE
-    for y in range(0, BOX_SIDE, height * _steps(height)):
+def _cell_lines(box: int, places: Boxes | Cells) -> Iterator[tuple[int, int, int, int]]:
+    """Lines between the numbered cells of a box: (x, y, x, y)."""
+    left = BOX_PITCH * box
+    for x, _ in places.columns(box, MARK_SPACING):
+        yield x, 0, x, BOX_SIDE
+    for y, _ in places.rows(MARK_SPACING):
         yield left, y, left + BOX_SIDE, y
 
 
-def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
+def _mark(pen: ImageDraw.ImageDraw, places: Boxes | Cells) -> None:
     """Draws the names of boxes, or column numbers above the boxes and row numbers on their left."""
     font = ImageFont.load_default(MARK_FONT_PIXELS)
-    if appearance.grid is None:
-        for box, name in enumerate(BOX_NAMES):
-            middle = MARGIN + SCALE * (BOX_PITCH * box + BOX_SIDE // 2)
-            pen.text((middle, MARGIN // 2), name, fill=MARK_RGB, font=font, anchor="mm")
-        return
-    columns, rows = appearance.grid
-    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+    width, height = places.size
+    names = [(BOX_PITCH * box, name) for box, name in enumerate(places.box_names)]
+    numbers = [mark for box in range(BOX_COUNT) for mark in places.columns(box, MARK_SPACING)]
+    for x, name in names + numbers:
+        position = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
+        pen.text(position, name, fill=MARK_RGB, font=font, anchor="mm")
     for box in range(BOX_COUNT):
-        left = BOX_PITCH * box
-        for x in range(left, left + BOX_SIDE, width * _steps(width)):
-            position = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
-            pen.text(position, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
-        for y in range(0, BOX_SIDE, height * _steps(height)):
-            position = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
-            pen.text(position, str(y // height), fill=MARK_RGB, font=font, anchor="rm")
+        for y, name in places.rows(MARK_SPACING):
+            position = MARGIN + SCALE * BOX_PITCH * box - 3, MARGIN + SCALE * y + SCALE * height // 2
+            pen.text(position, name, fill=MARK_RGB, font=font, anchor="rm")
 
 
 def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:

@@ -86,7 +86,7 @@ def test_batch__labels_hold_after_recolouring(statements: str):
 
 def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
     """The Tower scene encoded in the inputs."""
-    from lilgym_mp.scene.appearances.tower import tower_tables
+    from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 
     tables = tower_tables()
     boxes: list[Box] = []

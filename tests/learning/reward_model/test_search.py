@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Outcome, State, make_dynamics
-from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
     Exchange,
@@ -24,7 +23,7 @@ from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.search import SearchPlanner
 from lilgym_mp.scene import BOX_SIDE, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances.tower.geometry import every_box, tower_tables
 
 STATEMENT = "there is a black block on the left"
 VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))
@@ -71,8 +70,8 @@ def test_plans__are_as_short_as_the_best_and_nearly_as_sure():
         )
 
 
-def testbox_distances__are_those_of_single_edits():
-    after, distances = tower_tables().after, box_distances()
+def test_distances_of_boxes__are_those_of_single_edits():
+    after, distances = tower_tables().after, every_box().distances
     assert (distances == distances.T).all()
     for box, successors in enumerate(after):
         assert {*np.flatnonzero(distances[box] == 1).tolist()} == {*successors[successors >= 0].tolist()}

@@ -23,7 +23,7 @@ from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from lilgym_mp.scene.arrays import Float64Array
 from tests.learning.conftest import accuracy, counted_stops, equal
 from tests.learning.reward_model.conftest import small_recipe

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import inf, sqrt
 
-from lilgym_mp.scene.appearances.placement import Point, Ring
+from lilgym_mp.scene.appearances.scatter.geometry import Point, Ring
 
 # The nearest points of two outlines, to the last bit as GEOS (shapely's engine) computes them. Snapping truncates them
 # to integers, and which of several equally near pairs (parallel sides, symmetric circles) is chosen depends on how

@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINTS, Item
 from lilgym_mp.scene.appearances.base import LAST_CORNER
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS
-from lilgym_mp.scene.appearances.placement import AREA_UNIT, LARGEST_SIDE, cell_areas, clear_templates, shape_area
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_FOOTPRINTS
+from lilgym_mp.scene.appearances.scatter.geometry import (
+    AREA_UNIT,
+    LARGEST_SIDE,
+    cell_areas,
+    clear_templates,
+    shape_area,
+)
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt16Array, UInt64Array
 
 WORD_BITS = 64

@@ -103,7 +103,7 @@ def _resolved_move(
 
     `index`: the key of the pair in `PlacementTables.ties`.
     """
-    from lilgym_mp.scene.appearances.nearest_points import all_pairs, nearest_points
+    from lilgym_mp.scene.appearances.scatter.nearest_points import all_pairs, nearest_points
 
     tables = placement_tables()
     pairs = tables.ties.get(index) or all_pairs(tables.outlines[footprint], tables.outlines[other_footprint])

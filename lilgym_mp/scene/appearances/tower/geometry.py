@@ -1,35 +1,26 @@
-"""Tower: medium squares stacked in the middle of each box, added and removed at the top.
+"""The 121 stacks that a box of Tower may hold, each one shared `Box`, with tables of the edits that join them.
 
-There are only 121 possible stacks, so each box exists once, with its four successors.
-Source: docs/spec.md, "Scenes", "Actions", "Legality and effects".
+Source: docs/spec.md, "Scenes", "Legality and effects".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size, new_tuple
-from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, RemoveBlock, Stop, TowerAction
-from lilgym_mp.scene.appearances.base import ArrayForm, Edit, Grid, InvalidReason, PlacementRules
+from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, SceneError, Shape, Size
+from lilgym_mp.scene.actions import AddBlock, RemoveBlock, Stop
+from lilgym_mp.scene.appearances.base import EveryBox, InvalidReason
+from lilgym_mp.scene.appearances.tower.actions import ACTIONS
 from lilgym_mp.scene.arrays import BoolArray
 
 BLOCK_X = 40
 LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
 CAPACITY = len(LEVEL_Y)
-
-ACTIONS: tuple[TowerAction, ...] = (
-    STOP,
-    *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
-    *(RemoveBlock(box) for box in range(BOX_COUNT)),
-)
-_ARRAY_FORM = ArrayForm("tower", {"box": range(BOX_COUNT), "colour": tuple(Colour)}, (Stop, AddBlock, RemoveBlock))
-_INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
 _MEMO_KEY = "tower successors"  # in a box's memo: the boxes after each edit, by column of `TowerTables.after`
 
 
@@ -60,77 +51,13 @@ def tower_tables() -> TowerTables:
     return TowerTables(
         boxes,
         indices,
-        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in map(_successors, boxes)]),
+        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in map(successors, boxes)]),
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
         action_edit=np.array([0, *[*Colour] * BOX_COUNT, *[REMOVE_COLUMN] * BOX_COUNT]),  # in the order of ACTIONS
         heights=np.array([len(box.items) for box in boxes]),
-        legal=_legal_by_heights(),
+        legal=legal_by_heights(),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Tower:
-    """13 actions: STOP, ADD(box, colour) for 3 boxes x 3 colours, REMOVE(box) for 3 boxes."""
-
-    name = "tower"
-    action_count = len(ACTIONS)
-    grid = None
-    shapes = (Shape.SQUARE,)
-    example = AddBlock(0, Colour.BLUE)
-    box_capacity = CAPACITY
-
-    def decode(self, index: int) -> Action:
-        return ACTIONS[index]
-
-    def encode(self, action: Action) -> int:
-        if isinstance(action, TowerAction) and action in _INDICES:
-            return _INDICES[action]
-        raise ActionError(f"{action!r} is not an action of tower")
-
-    def from_array(self, values: Sequence[int]) -> Action:
-        return _ARRAY_FORM.read(values)
-
-    def to_array(self, action: Action) -> list[int]:
-        return _ARRAY_FORM.write(action)
-
-    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
-        if isinstance(action, AddBlock):
-            column = action.colour
-        elif isinstance(action, RemoveBlock):
-            column = REMOVE_COLUMN
-        else:
-            raise ActionError(f"{action!r} is not an edit of tower")
-        box = _successors(scene.boxes[action.box])[column]
-        if box is None:
-            return Edit(scene, EDIT_REASONS[column])
-        return new_tuple(Edit, (scene.with_box(action.box, box), None))
-
-    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
-        left, middle, right = scene.boxes
-        return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
-
-    def explain(self, rules: PlacementRules) -> Iterator[str]:
-        boxes = "|".join(BOX_NAMES)
-        colours = "|".join(colour.name for colour in Colour)
-        yield f"ADD({boxes}, {colours}) puts a block on top of a box's tower, which holds {CAPACITY}."
-        yield f"REMOVE({boxes}) takes the top block away."
-
-    def check_scene(self, scene: Scene) -> Scene:
-        """The same scene, composed of the shared boxes."""
-        boxes: list[Box] = []
-        for index, box in enumerate(scene.boxes):
-            try:
-                boxes.append(_shared(box))
-            except SceneError as fault:
-                raise SceneError(f"box {index}: {fault}") from None
-        left, middle, right = boxes
-        return Scene((left, middle, right))
-
-
-def make_tower(grid: Grid) -> Tower:
-    """`grid` does not apply."""
-    return Tower()
 
 
 def _block(level: int, colour: Colour) -> Item:
@@ -154,15 +81,15 @@ def _boxes() -> dict[tuple[Item, ...], Box]:
     return boxes
 
 
-def _successors(box: Box) -> tuple[Box | None, ...]:
+def successors(box: Box) -> tuple[Box | None, ...]:
     """The box after adding each colour and after removing; None if that is invalid."""
     try:
         return box.memo[_MEMO_KEY]
     except KeyError:
-        return _shared(box).memo[_MEMO_KEY]
+        return shared_box(box).memo[_MEMO_KEY]
 
 
-def _shared(box: Box) -> Box:
+def shared_box(box: Box) -> Box:
     try:
         return _boxes()[box.items]
     except KeyError:
@@ -182,7 +109,7 @@ def _fault(box: Box) -> str:
 
 
 @cache
-def _legal_by_heights() -> BoolArray:
+def legal_by_heights() -> BoolArray:
     """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
     heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
     legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
@@ -192,3 +119,12 @@ def _legal_by_heights() -> BoolArray:
         elif isinstance(action, RemoveBlock):
             legal[..., index] = heights[action.box] > 0
     return legal
+
+
+@cache
+def every_box() -> EveryBox:
+    """The 121 boxes in the order of `tower_tables`, and the edits from each to each."""
+    tables = tower_tables()
+    equal = (tables.colours[:, None] == tables.colours[None]) & (tables.colours[:, None] >= 0)
+    shared_levels = np.cumprod(equal, axis=2).sum(2)
+    return EveryBox(tables.boxes, tables.heights[:, None] + tables.heights[None] - 2 * shared_levels)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,46 +28,24 @@ from lilgym_mp.scene import (
     Size,
     new_tuple,
 )
-from lilgym_mp.scene.actions import STOP, Action, ActionError, AddItem, RemoveItem, Stop
-from lilgym_mp.scene.appearances import placement
-from lilgym_mp.scene.appearances.base import (
-    LAST_CORNER,
-    ArrayForm,
-    Edit,
-    Grid,
-    InvalidReason,
-    PlacementRules,
-    slot_value,
-)
+from lilgym_mp.scene.actions import Action, ActionError, AddItem, RemoveItem, Stop
+from lilgym_mp.scene.appearances.base import LAST_CORNER, Edit, Grid, InvalidReason, PlacementRules, slot_value
 from lilgym_mp.scene.appearances.grids import RELEASED_GRID, checked_grid
-from lilgym_mp.scene.appearances.numbering import (
-    ITEM_TYPES,
-    REMOVES,
+from lilgym_mp.scene.appearances.scatter import geometry
+from lilgym_mp.scene.appearances.scatter.actions import (
+    ITEM_TYPE_INDICES,
+    MAX_DECODED,
     action_count,
     add_index,
-    cell_and_item_type,
+    all_actions,
+    array_form,
+    decoded,
     remove_index,
 )
 from lilgym_mp.scene.arrays import BoolArray
 
-MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
-
-_ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
-
-
-def _decoded(grid: Grid, index: int) -> Action:
-    if index == 0:
-        return STOP
-    columns, rows = grid
-    cell, item_type = cell_and_item_type(index, columns * rows)
-    column, row = divmod(cell, rows)
-    return RemoveItem(column, row) if item_type == REMOVES else AddItem(column, row, *ITEM_TYPES[item_type])
-
-
-@cache
-def _actions(grid: Grid) -> tuple[Action, ...]:
-    """All actions of a grid."""
-    return tuple(_decoded(grid, index) for index in range(action_count(grid[0] * grid[1])))
+if TYPE_CHECKING:
+    from lilgym_mp.scene.appearances.sampling import Sampler
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,37 +78,38 @@ class Scatter:
         object.__setattr__(self, "cell_count", columns * rows)
         firsts = (box * BOX_PITCH // width * rows for box in range(BOX_COUNT))
         object.__setattr__(self, "box_cells", tuple(range(f, f + BOX_SIDE // width * rows) for f in firsts))
-        object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= MAX_DECODED else ())
+        object.__setattr__(self, "_table", all_actions(self.grid) if self.action_count <= MAX_DECODED else ())
+
+    @property
+    def sampler(self) -> Sampler:
+        """Imported when first used."""
+        from lilgym_mp.scene.appearances.scatter.sampling import ScatterSampler
+
+        return ScatterSampler()
 
     @property
     def action_count(self) -> int:
         return action_count(self.cell_count)
 
     def decode(self, index: int) -> Action:
-        return self._table[index] if self._table else _decoded(self.grid, index)
+        return self._table[index] if self._table else decoded(self.grid, index)
 
     def encode(self, action: Action) -> int:
         match action:
             case Stop():
                 return 0
-            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _ITEM_TYPE_INDICES:
-                return add_index(self._cell_index(column, row), _ITEM_TYPE_INDICES[shape, colour, size])
+            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in ITEM_TYPE_INDICES:
+                return add_index(self._cell_index(column, row), ITEM_TYPE_INDICES[shape, colour, size])
             case RemoveItem(column, row):
                 return remove_index(self._cell_index(column, row), self.cell_count)
             case _:
                 raise ActionError(f"{action!r} is not an action of scatter")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        return self._array_form.read(values)
+        return array_form(self.grid).read(values)
 
     def to_array(self, action: Action) -> list[int]:
-        return self._array_form.write(action)
-
-    @property
-    def _array_form(self) -> ArrayForm:
-        columns, rows = map(range, self.grid)
-        slots = {"x": columns, "y": rows, "shape": tuple(Shape), "colour": tuple(Colour), "size": tuple(Size)}
-        return ArrayForm("scatter", slots, (Stop, AddItem, RemoveItem))
+        return array_form(self.grid).write(action)
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddItem):
@@ -162,10 +141,10 @@ class Scatter:
         last = LAST_CORNER[footprint]
         if x > last or y > last:
             return InvalidReason.OUT_OF_BOX
-        tables = placement.placement_tables()
+        tables = geometry.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)
-        if clearance == placement.OVERLAPPING:
-            from lilgym_mp.scene.appearances.cell_places import searched  # for where items are dense alone
+        if clearance == geometry.OVERLAPPING:
+            from lilgym_mp.scene.appearances.scatter.cell_places import searched  # for where items are dense alone
 
             found = searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
@@ -174,7 +153,7 @@ class Scatter:
             _, closest = tables.closest(footprint, x, y, items)
         if closest is None or self.is_native:
             return x, y
-        return placement.snapped(footprint, x, y, closest, items, box_index, rules)
+        return geometry.snapped(footprint, x, y, closest, items, box_index, rules)
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
         place = self._columns[action.column]
@@ -197,7 +176,7 @@ class Scatter:
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell
         dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
-        areas = placement.cell_areas(width, height)[item.footprint]
+        areas = geometry.cell_areas(width, height)[item.footprint]
         return int(areas[dx, dy]) if 0 <= dx < areas.shape[0] and 0 <= dy < areas.shape[1] else 0
 
     def searches(self, rules: PlacementRules) -> bool:
@@ -219,7 +198,7 @@ class Scatter:
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
-            from lilgym_mp.scene.appearances.cell_places import ADDS, REMOVABLE, legal_edits
+            from lilgym_mp.scene.appearances.scatter.cell_places import ADDS, REMOVABLE, legal_edits
 
             legal = legal_edits(box.items, self.cell, searches=searches)
             found = box.memo[key] = ADDS.take(legal, axis=0).ravel(), legal & REMOVABLE != 0
@@ -241,7 +220,7 @@ class Scatter:
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):
             try:
-                placement.check_apart(box.items)
+                geometry.check_apart(box.items)
             except SceneError as fault:
                 raise SceneError(f"box {index}: {fault}") from None
         return scene

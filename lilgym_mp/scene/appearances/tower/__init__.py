@@ -1,0 +1,1 @@
+"""Tower: stacks of blocks, of which edits add and remove the top one."""
