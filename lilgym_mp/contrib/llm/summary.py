@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp.contrib.llm.agents import Message
-from lilgym_mp.contrib.report.aggregation import percentile_interval, resampled_means
+from lilgym_mp.contrib.report.aggregation import resampled_means
+from lilgym_mp.envs.resampling import percentile_interval
 from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import CUT, FILTERED, NOT_UNDERSTOOD, REFUSED
