@@ -19,7 +19,8 @@ from lilgym_mp.envs.observation import StatementSpace, statement_space
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
-from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
@@ -297,11 +298,6 @@ def cell_lines(appearance: Appearance) -> Iterator[str]:
         f" separators, where nothing can be; rows 0-{appearance.grid[1] - 1} from the top. A box's cell covers x from"
         f" {width} * (column - its first column) and y from {height} * row."
     )
-
-
-def cell_size(grid: Grid) -> tuple[int, int]:
-    """Width and height of a cell in pixels."""
-    return IMAGE_WIDTH // grid[0], IMAGE_HEIGHT // grid[1]
 
 
 def answer_line(appearance: Appearance) -> str:

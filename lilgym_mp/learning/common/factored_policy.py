@@ -15,10 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance, Grid
 from lilgym_mp.scene.appearances.base import action_arrays
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.scene.arrays import Float32Array, Float64Array, Int64Array
 
@@ -120,9 +121,8 @@ def _cells(grid: Grid, columns: Int64Array, rows: Int64Array) -> Int64Array:
 
 def box_cells(grid: Grid) -> tuple[int, int, int]:
     """Cell rows and columns of a box, and columns from a box to the next."""
-    columns, rows = grid
-    width = IMAGE_WIDTH // columns
-    return rows, BOX_SIDE // width, BOX_PITCH // width
+    width, _ = cell_size(grid)
+    return grid[1], BOX_SIDE // width, BOX_PITCH // width
 
 
 class Uniforms(Protocol):

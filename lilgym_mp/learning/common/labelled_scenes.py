@@ -11,8 +11,9 @@ import numpy as np
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.learning.common.boxes import BoxIndex, box_distances
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Scene
 from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
@@ -205,7 +206,7 @@ class Collector:
         appearance = self.dynamics.appearance
         if appearance.grid is None:
             return appearance.decode(1 + int(rng.integers(appearance.action_count - 1)))
-        width, height = IMAGE_WIDTH // appearance.grid[0], IMAGE_HEIGHT // appearance.grid[1]
+        width, height = cell_size(appearance.grid)
         box = int(rng.integers(BOX_COUNT))
         items = scene.boxes[box].items
         if items and rng.random() < 0.5:

@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene, Shape
 from lilgym_mp.scene.actions import BOX_NAMES
 from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import COLOUR_RGB
 
@@ -122,8 +123,7 @@ def _steps(cell: int) -> int:
 
 def _cell_lines(left: int, grid: tuple[int, int]) -> Iterator[tuple[int, int, int, int]]:
     """Lines between the numbered cells of the box whose left edge is native pixel `left`: (x, y, x, y)."""
-    columns, rows = grid
-    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+    width, height = cell_size(grid)
     for x in range(0, BOX_SIDE, width * _steps(width)):
         yield left + x, 0, left + x, BOX_SIDE
     for y in range(0, BOX_SIDE, height * _steps(height)):
@@ -138,8 +138,7 @@ def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
             middle = MARGIN + SCALE * (BOX_PITCH * box + BOX_SIDE // 2)
             pen.text((middle, MARGIN // 2), name, fill=MARK_RGB, font=font, anchor="mm")
         return
-    columns, rows = appearance.grid
-    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+    width, height = cell_size(appearance.grid)
     for box in range(BOX_COUNT):
         left = BOX_PITCH * box
         for x in range(left, left + BOX_SIDE, width * _steps(width)):
