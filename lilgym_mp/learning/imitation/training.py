@@ -1,6 +1,6 @@
 """Imitation of sets of optimal actions with dataset aggregation (DAgger): a run from pretraining to the stop rule.
 
-Start reading at `Run.learn`.
+Start reading at `ImitationRun.learn`.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
 
-class Progress(NamedTuple):
+class ImitationProgress(NamedTuple):
     """A line of progress.jsonl; losses are means since the last report."""
 
     updates: int  # optimiser steps
@@ -83,7 +83,7 @@ class ImitationCounters(Counters):
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
-class Run(TrainingRun):
+class ImitationRun(TrainingRun):
     """Trains an agent by imitation.
 
     The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
@@ -185,7 +185,7 @@ class Run(TrainingRun):
         self.optimise()
 
     def step(self) -> dict[str, float]:
-        """One optimiser step; returns losses of `Progress`."""
+        """One optimiser step; returns losses of `ImitationProgress`."""
         recipe = self._recipe
         network = self._network
         counters = self.counters
@@ -274,9 +274,9 @@ class Run(TrainingRun):
 
     # Files
 
-    def progress_line(self, recent: Sequence[dict[str, float]]) -> Progress:
+    def progress_line(self, recent: Sequence[dict[str, float]]) -> ImitationProgress:
         counters = self.counters
-        return Progress(
+        return ImitationProgress(
             updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
@@ -327,4 +327,4 @@ class Run(TrainingRun):
         return ImitationAgent(description, self._network.eval(), rules)
 
 
-train_imitation = training(Run)
+train_imitation = training(ImitationRun)
