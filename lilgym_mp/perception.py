@@ -57,8 +57,7 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
     choose("appearance", appearance, APPEARANCES)
     read_box = part_of(appearance, "reading from pixels", {"tower": _read_tower, "scatter": _read_box})
     shrink = _shrink_of(image)
-    left, middle, right = (read_box(pixels, index, shrink) for index, pixels in enumerate(_regions(image, shrink)))
-    return Scene((left, middle, right))
+    return Scene.of_boxes(read_box(pixels, index, shrink) for index, pixels in enumerate(_regions(image, shrink)))
 
 
 def _shrink_of(image: object) -> int:

@@ -9,14 +9,14 @@ from typing import Any, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.spaces.utils import flatten_space
 from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.envs.observation import EMPTY
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
+from lilgym_mp.envs.observation import EMPTY, flat_space
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.arrays import Float32Array, Int64Array
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
@@ -89,8 +89,8 @@ class Planes(SceneFormat):
 
     def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
         super().__init__(description, keep_image=keep_image)
-        self.columns, self.rows = description.dynamics.appearance.grid or RELEASED_GRID
-        self._cell = np.array([IMAGE_WIDTH // self.columns, IMAGE_HEIGHT // self.rows])  # width and height in pixels
+        self.columns, self.rows = grid = description.dynamics.appearance.grid or RELEASED_GRID
+        self._cell = np.array(cell_size(grid))
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         high = np.full((PLANE_COUNT, self.rows, self.columns), self.env_description.item_capacity, np.uint8)
@@ -320,9 +320,7 @@ class Flattening(Transformation):
                     f"{self.env_description.wrapper} needs numeric parts, but {name!r} is {space};"
                     f" for a statement apply TokenizedStatement or StatementEmbedding first"
                 )
-        flat = flatten_space(self.env_description.observation_space)
-        assert isinstance(flat, spaces.Box)
-        return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
+        return flat_space(cast("spaces.Dict", self.env_description.observation_space))
 
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
         parts = self.env_description.parts().items()

@@ -8,7 +8,7 @@ import itertools
 import string
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -23,13 +23,11 @@ from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
-
-Key = TypeVar("Key")
-Value = TypeVar("Value")
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos
@@ -211,35 +209,27 @@ def _lines_by_cells(appearance: Appearance, indices: Iterable[int]) -> Iterator[
     """A line for each group of item types that can be added in the same cells, and a line for removals."""
     edits = [appearance.decode(index) for index in indices]
     adds = [edit for edit in edits if isinstance(edit, AddItem)]
-    cells_of = _grouped(((add.shape.name, add.colour.name, add.size.name), (add.row, add.column)) for add in adds)
+    cells_of = grouped(((add.shape.name, add.colour.name, add.size.name), (add.row, add.column)) for add in adds)
     removed = [(edit.row, edit.column) for edit in edits if isinstance(edit, RemoveItem)]
-    for cells, item_types in _grouped((tuple(sorted(cells)), names) for names, cells in cells_of.items()).items():
+    for cells, item_types in grouped((tuple(sorted(cells)), names) for names, cells in cells_of.items()).items():
         for names in _products(item_types):
             yield f"  ADD(column, row, {', '.join(names)}): {_cell_words(cells)}"
     if removed:
         yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
 
 
-def _grouped(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
-    """The values of each key, in order."""
-    groups: dict[Key, list[Value]] = {}
-    for key, value in pairs:
-        groups.setdefault(key, []).append(value)
-    return groups
-
-
 def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """The item types as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
     merged = list(item_types)
     for slot in (1, 2, 0):
-        groups = _grouped((names[:slot] + names[slot + 1 :], names[slot]) for names in merged)
+        groups = grouped((names[:slot] + names[slot + 1 :], names[slot]) for names in merged)
         merged = [(*others[:slot], "|".join(names), *others[slot:]) for others, names in groups.items()]
     return merged
 
 
 def _cell_words(cells: Sequence[tuple[int, int]]) -> str:
     """Formats ascending (row, column) pairs, such as "row 0-3: column 0-4, 7-11; row 4: column 2"."""
-    rows_of = _grouped((_ranges(columns), row) for row, columns in _grouped(cells).items())
+    rows_of = grouped((_ranges(columns), row) for row, columns in grouped(cells).items())
     return "; ".join(f"row {_ranges(rows)}: column {columns}" for columns, rows in rows_of.items())
 
 

@@ -162,8 +162,8 @@ class TaskReader:
         try:
             items = tuple(box.items for box in Scene.from_json(data).boxes)
             if items not in self._scenes:
-                left, middle, right = (self._boxes.setdefault(box, Box(box)) for box in items)
-                self._scenes[items] = self._check_scene(Scene((left, middle, right)))
+                boxes = (self._boxes.setdefault(box, Box(box)) for box in items)
+                self._scenes[items] = self._check_scene(Scene.of_boxes(boxes))
             return self._scenes[items]
         except SceneError as fault:
             raise ValueError(f"scene: {fault}") from None

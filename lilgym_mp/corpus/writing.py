@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from lilgym_mp.corpus.formats import FORMAT, VERSION
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.grouping import grouped
 
 
 class LabelledScene(NamedTuple):
@@ -46,10 +47,10 @@ def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
     """One entry per statement and program of the FlipIt tasks, with their start scenes under the task ids."""
     appearance = tasks.provenance.appearance
     split = tasks.provenance.split
-    starts: dict[tuple[str, str, tuple[str, ...]], list[tuple[str, LabelledScene]]] = {}
-    for task in tasks:
-        start = LabelledScene(task.start, not task.target)
-        starts.setdefault((task.statement, task.program, task.tags), []).append((task.id, start))
+    starts = grouped(
+        ((task.statement, task.program, task.tags), (task.id, LabelledScene(task.start, not task.target)))
+        for task in tasks
+    )
     for index, ((statement, program, tags), found) in enumerate(starts.items(), start=1):
         yield entry_json(f"{appearance}/{split}/{index}", appearance, split, statement, program, found, tags)
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, TypedDict, cast
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.spaces.utils import flatten_space
 from gymnasium.vector.utils import create_shared_memory  # pyright: ignore[reportUnknownVariableType]
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.arrays import Int16Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import image_shape
@@ -32,6 +33,12 @@ class Observation(TypedDict):
     image: UInt8Array  # (50, 190, 3), or (100, 380, 3) at native size
     statement: str
     target: int  # 1: make the statement true, 0: make it false
+
+
+def flat_space(space: spaces.Dict) -> spaces.Box:
+    """The space of all numeric parts as one float32 vector, in alphabetical order."""
+    flat = cast("spaces.Box", flatten_space(space))
+    return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
 
 
 def image_space(image_size: str) -> spaces.Box:
@@ -96,20 +103,21 @@ def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:
     return reachable if capacity is None else min(reachable, capacity)
 
 
-def item_array(scene: Scene, capacity: int) -> Int16Array:
-    """(3, capacity, 5): x, y, shape, colour and size of each box's items in order, then EMPTY."""
-    array = np.full((BOX_COUNT, capacity, len(Item._fields)), EMPTY, np.int16)
-    for index, box in enumerate(scene.boxes):
+def item_array(boxes: Sequence[Box], capacity: int) -> Int16Array:
+    """(boxes, capacity, 5): x, y, shape, colour and size of each box's items in order, then EMPTY."""
+    array = np.full((len(boxes), capacity, len(Item._fields)), EMPTY, np.int16)
+    for slots, box in zip(array, boxes, strict=True):
         if box.items:
-            array[index, : len(box.items)] = box.items
+            slots[: len(box.items)] = box.items
     return array
 
 
 def scene_of(array: Int16Array) -> Scene:
-    """The scene whose `item_array` is `array`."""
-    return Scene.of(*([_item(row) for row in box if row[-1] != EMPTY] for box in array.tolist()))
+    """The scene of whose boxes `array` is the `item_array`."""
+    return Scene.of(*map(items_of, array))
 
 
-def _item(row: list[int]) -> Item:
-    x, y, shape, colour, size = row
-    return Item(x, y, Shape(shape), Colour(colour), Size(size))
+def items_of(slots: Int16Array) -> list[Item]:
+    """The items of a box, given as its row of the `item_array`."""
+    filled = (row for row in slots.tolist() if row[-1] != EMPTY)
+    return [Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in filled]

@@ -188,7 +188,7 @@ class AgentPartner(BatchPartner):
         chosen = self._policy(observations, legal, turn.rngs[0])
         if turn.role is Role.PROPOSER:
             actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
-            is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
+            is_legal = turn.are_legal(actions)
             return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
         return turn.answers(turn.is_edit | (chosen == STOP_ACTION))
 

@@ -130,6 +130,5 @@ class Recorder:
         """Length of the expert's solution with the whole horizon left, None if unsolved."""
         key = task.id, scene
         if key not in self._solution_lengths:
-            solution = self._solver.solve_from(State(task, scene, 0))
-            self._solution_lengths[key] = solution.steps if solution.solved else None
+            self._solution_lengths[key] = self._solver.distance(State(task, scene, 0))
         return self._solution_lengths[key]

@@ -13,6 +13,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action
 
 if TYPE_CHECKING:
@@ -45,24 +46,41 @@ def evaluate(
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
     task_ids = tuple(settings.tasks(split).ids if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
-    episodes: list[Episode | None] = [None] * len(task_ids)
-    policy = as_policy(policy)
-    for index, episode in _play(policy, envs, task_ids, np.random.default_rng(seed), record_decisions=record_decisions):
+    rng = np.random.default_rng(seed)
+    return play_tasks(as_policy(policy), envs, task_ids, rng, record_decisions=record_decisions, on_episode=on_episode)
+
+
+def play_tasks(
+    policy: Policy,
+    envs: BatchedEnv,
+    tasks: Sequence[str | Task],
+    rng: np.random.Generator,
+    *,
+    record_decisions: bool = False,
+    on_episode: Callable[[Episode], object] = lambda episode: None,
+) -> list[Episode]:
+    """One episode of each task, in order. `envs`: without autoreset, as `Settings.make_batch` makes them.
+
+    Raises ValueError for a task that they cannot play.
+    """
+    episodes: list[Episode | None] = [None] * len(tasks)
+    for index, episode in _play(policy, envs, tasks, rng, record_decisions=record_decisions):
         on_episode(episode)
         episodes[index] = episode
     return [episode for episode in episodes if episode is not None]
 
 
 def _play(
-    policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator, *, record_decisions: bool
+    policy: Policy, envs: BatchedEnv, tasks: Sequence[str | Task], rng: np.random.Generator, *, record_decisions: bool
 ) -> Iterator[tuple[int, Episode]]:
     """Yields each episode with its index as it ends; its environment then begins the next one."""
     assert envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED
     count = envs.num_envs
     playing = np.arange(count)  # index of the episode in each environment
+    playing[len(tasks) :] = IDLE
     next_index = count
     taken: list[list[tuple[Action, float | None, Decision | None]]] = [[] for _ in range(count)]
-    observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
+    observations, _ = envs.reset(seed=0, options={"task": [tasks[max(index, 0)] for index in playing.tolist()]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
         made: Sequence[Decision | None] = [None] * len(active)
@@ -83,8 +101,9 @@ def _play(
             continue
         for env_index in np.flatnonzero(ended & (playing != IDLE)).tolist():
             actions, stops, judged = zip(*taken[env_index], strict=True)
+            played = tasks[int(playing[env_index])]
             episode = Episode.of(
-                envs.tasks[int(envs.task_indices[env_index])],
+                played if isinstance(played, Task) else envs.tasks.by_id(played),
                 actions,
                 infos["outcome"][env_index],
                 envs.dynamics,
@@ -93,10 +112,10 @@ def _play(
                 decisions=None if None in judged else judged,
             )
             yield int(playing[env_index]), episode
-            playing[env_index] = next_index if next_index < len(task_ids) else IDLE
+            playing[env_index] = next_index if next_index < len(tasks) else IDLE
             next_index += 1
-        tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
-        observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
+        begun = [tasks[max(index, 0)] for index in playing.tolist()]  # an idle environment begins any task
+        observations, _ = envs.reset(options={"reset_mask": ended, "task": begun})
         for env_index in np.flatnonzero(ended).tolist():
             taken[env_index] = []
 

@@ -205,7 +205,12 @@ class Scene(_Frozen):
         """A scene from three collections of items."""
         if len(boxes) != BOX_COUNT:
             raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
-        left, middle, right = (Box(tuple(items)) for items in boxes)
+        return cls.of_boxes(Box(tuple(items)) for items in boxes)
+
+    @classmethod
+    def of_boxes(cls, boxes: Iterable[Box]) -> Scene:
+        """A scene of three boxes."""
+        left, middle, right = boxes
         return cls((left, middle, right))
 
     def items(self) -> Iterator[Item]:
@@ -225,8 +230,7 @@ class Scene(_Frozen):
         """The scene whose box k is this one's box `order[k]`; `order` is a permutation of 0, 1, 2."""
         if sorted(order) != list(range(BOX_COUNT)):
             raise SceneError(f"{tuple(order)!r} is not a permutation of the boxes 0, 1, 2")
-        left, middle, right = (self.boxes[index] for index in order)
-        return Scene((left, middle, right))
+        return Scene.of_boxes(self.boxes[index] for index in order)
 
     def to_json(self) -> list[list[dict[str, int | str]]]:
         """The released `structured_rep`: three lists of items."""

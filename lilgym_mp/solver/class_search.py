@@ -15,6 +15,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.static_types import may_fail
 from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.box_classes import BoxClasses
 from lilgym_mp.solver.layered_search import Budget, Layers
@@ -66,11 +67,8 @@ class ReachableClasses:
         return self._layers[edits]
 
     def _new_layer(self, boxes: Sequence[Box]) -> dict[int, list[Box]]:
-        found: dict[int, list[Box]] = {}
-        for box in boxes:
-            box_class = self._classes.of(box)
-            if box_class not in self._seen:
-                found.setdefault(box_class, []).append(box)
+        classes = ((self._classes.of(box), box) for box in boxes)
+        found = grouped((box_class, box) for box_class, box in classes if box_class not in self._seen)
         self._seen |= found.keys()
         return found
 

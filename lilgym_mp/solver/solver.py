@@ -55,6 +55,10 @@ class Solver:
         """
         return self._search.solve(state, self._max_edits(state), Budget(self.budget))
 
+    def distance(self, state: State) -> int | None:
+        """The length of the shortest solution found with the whole horizon left, STOP included; None without one."""
+        return self.solve_from(state._replace(steps=0)).steps or None
+
     def solve_distant(self, state: State, min_edits: int) -> Solution:
         """A solution proven shortest, if it has at least `min_edits` edits: much faster than `solve_from` for many
         scenes of one program.

@@ -29,7 +29,10 @@ CASES = {
     "unknown partner": (["play", "--partner", "nobody"], "unknown partner 'nobody'; choose from "),
     "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in corpus 'builtin'; tasks include "),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
-    "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere': no such file or directory"),
+    "unknown corpus": (
+        ["play", "TowerScratch", "--corpus", "nowhere"],
+        "no corpus 'nowhere': no such file or directory",
+    ),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),

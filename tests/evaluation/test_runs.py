@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from lilgym_mp.evaluation import (
     random_legal,
     random_unmasked,
 )
+from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import ActionError, AddBlock, Stop
 from lilgym_mp.scene.appearances import InvalidReason
@@ -132,3 +134,14 @@ def test_random_legal__is_uniform_over_legal_actions():
     drawn = np.bincount(random_legal(observations, legal, np.random.default_rng(0)), minlength=5)
     assert drawn[[1, 4]].sum() == 0
     assert drawn[[0, 2, 3]] == pytest.approx([2000] * 3, abs=200)
+
+
+def test_play_tasks__plays_tasks_that_are_not_of_the_split_in_more_environments_than_tasks():
+    settings = Settings("TowerFlipIt")
+    envs = settings.make_batch("dev", 3)
+    own = replace(envs.tasks[0], id="my own", target=not envs.tasks[0].target)
+    played = play_tasks(random_legal, envs, [own, envs.tasks[1].id], np.random.default_rng(0))
+    assert [(episode.task, episode.target) for episode in played] == [
+        ("my own", own.target),
+        (envs.tasks[1].id, envs.tasks[1].target),
+    ]

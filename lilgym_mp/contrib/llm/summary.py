@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp.contrib.llm.agents import Message
-from lilgym_mp.contrib.report.aggregation import percentile_interval, resampled_means
+from lilgym_mp.contrib.report.aggregation import resampled_means
+from lilgym_mp.envs.resampling import percentile_interval
 from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import CUT, FILTERED, NOT_UNDERSTOOD, REFUSED
@@ -76,13 +77,8 @@ def progression(solver: Solver, start: State, last: State, *, success: bool) -> 
     """
     if success:
         return 1.0
-    total, left = _distance(solver, start), _distance(solver, last)
+    total, left = solver.distance(start), solver.distance(last)
     return 0.0 if total is None or left is None else max(0.0, 1 - left / total)
-
-
-def _distance(solver: Solver, state: State) -> int | None:
-    solution = solver.solve_from(state._replace(steps=0))
-    return solution.steps if solution.solved else None
 
 
 def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
 from math import erfc, sqrt
 from statistics import mean, stdev
 from typing import NamedTuple
 
 import numpy as np
 
+from lilgym_mp.envs.resampling import drawn_counts, percentile_interval
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.results import rounded
 
 RESAMPLES = 4_000
-CONFIDENCE = 0.95
 INTERVAL_NOTE = (
     f"95 % intervals by a hierarchical bootstrap: runs, and statements with all of their start scenes, are resampled"
     f" {RESAMPLES:,} times. With one run they express the choice of statements alone; with three they underestimate the"
@@ -126,20 +125,6 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def resampled_means(totals: np.ndarray, run_seed: int = 1) -> np.ndarray:
     """(RESAMPLES,) means by a hierarchical bootstrap: of the runs, and of the statements with all of their episodes."""
     _, runs, statements = totals.shape
-    by_run = (_resampled(statements, 0) @ each.T for each in totals)
-    values, episodes = ((each * _resampled(runs, run_seed)).sum(1) for each in by_run)
+    by_run = (drawn_counts(statements, RESAMPLES) @ each.T for each in totals)
+    values, episodes = ((each * drawn_counts(runs, RESAMPLES, run_seed)).sum(1) for each in by_run)
     return values / np.maximum(episodes, 1)
-
-
-@lru_cache(maxsize=16)
-def _resampled(count: int, seed: int) -> np.ndarray:
-    """(RESAMPLES, count) how often each is drawn, with replacement."""
-    rng = np.random.default_rng(seed)
-    return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
-
-
-def percentile_interval(values: np.ndarray) -> tuple[float, float]:
-    """The central 95 % of resampled values."""
-    tail = 50 * (1 - CONFIDENCE)
-    low, high = np.percentile(values, [tail, 100 - tail])
-    return float(low), float(high)

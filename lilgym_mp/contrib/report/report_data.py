@@ -20,6 +20,7 @@ from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 from lilgym_mp.learning.common.run_directory import shown as shown_setting
+from lilgym_mp.scene.grouping import grouped
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
@@ -173,11 +174,11 @@ def _check_comparable(recordings: Sequence[Recording]) -> None:
 
 
 def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
-    groups: dict[tuple[str, str, str], list[Recording]] = {}
     headers = [recording.header for recording in recordings]
-    for recording, header in zip(recordings, headers, strict=True):
-        key = _label(header, headers), header.settings.configuration, header.split
-        groups.setdefault(key, []).append(recording)
+    groups = grouped(
+        ((_label(header, headers), header.settings.configuration, header.split), recording)
+        for recording, header in zip(recordings, headers, strict=True)
+    )
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)

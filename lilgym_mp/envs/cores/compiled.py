@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +68,12 @@ class CompiledCore(Core):
             kernels.start_episodes(self._drawing, self._current, self._starts, none, none)
         with compiling(kernels.evaluate_programs):
             self._evaluator.evaluate(self._current, self._stacks, none, none, none)
+
+    def _prepare_edits(self, kernel: Any) -> None:
+        """Loads or compiles the kernel that `_edit` calls."""
+        none = self._all_env_ids[:0]
+        with compiling(kernel):
+            self._edit(none, none, np.zeros(0, np.bool_))
 
     def set_task(self, index: int, task: Task) -> None:
         super().set_task(index, task)

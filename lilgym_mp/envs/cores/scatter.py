@@ -46,8 +46,7 @@ class ScatterCore(CompiledCore):
         self._versions_by_env = self._current.versions.reshape(count, BOX_COUNT)
         self._written_masks = np.full(len(self._current.versions), NO_VERSION)  # versions of boxes as of `buffers.mask`
         buffers.mask[:, 0] = True
-        with compiling(kernels.edit_scatter_scenes):
-            self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
+        self._prepare_edits(kernels.edit_scatter_scenes)
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         super()._start_episodes(env_ids, tasks)

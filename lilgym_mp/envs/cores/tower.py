@@ -9,7 +9,7 @@ import numpy as np
 from lilgym_mp.envs.buffers import REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.compiled import CompiledCore, item_code
-from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
+from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits
 from lilgym_mp.envs.cores.program_evaluator import StackBoxLowering
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
@@ -34,8 +34,7 @@ class TowerCore(CompiledCore):
         )
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
         self._start_stacks = np.array([self._stacks_of(task.start) for task in tasks])
-        with compiling(kernels.edit_tower_scenes):
-            self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
+        self._prepare_edits(kernels.edit_tower_scenes)
 
     def _stacks_of(self, scene: Scene) -> list[int]:
         return [self._tables.indices[box.items] for box in scene.boxes]

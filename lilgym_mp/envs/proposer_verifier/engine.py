@@ -9,13 +9,13 @@ from typing import Any, NamedTuple, SupportsIndex, cast
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces.utils import flatten, flatten_space
+from gymnasium.spaces.utils import flatten
 from gymnasium.utils import seeding
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open, checked_options, checked_seed
 from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, make_renderer
-from lilgym_mp.envs.observation import image_space
+from lilgym_mp.envs.observation import flat_space, image_space
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
@@ -250,9 +250,8 @@ class BaseGameEnv:
         for role, agent in zip(Role, AGENTS, strict=True):
             space, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
             self._parts_spaces[agent] = parts = cast("spaces.Dict", space[PARTS])
-            if self._is_vector:  # all parts, in alphabetical order
-                flat = cast("spaces.Box", flatten_space(parts))
-                space = spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
+            if self._is_vector:
+                space = flat_space(parts)
             self.observation_spaces[agent] = space
         self.state_space = image_space(engine.game.settings.image_size)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.game import Game
@@ -15,12 +14,12 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
+from lilgym_mp.envs.resampling import drawn_counts, percentile_interval
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.scene.arrays import Float64Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 LARGEST_BATCH = 1024
 RESAMPLES = 1_000
-INTERVAL = (2.5, 97.5)  # percentiles
 
 Interval = tuple[float, float]
 
@@ -132,18 +131,18 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
         raise ValueError("cannot summarise zero games")
     counts = _counts_by_statement(records)  # (statements, targets, counts)
     total, resampled = counts.sum(0), _resampled(counts)
-    j, js = float(_mean_j(total)), _mean_j(resampled)
+    j, js = (mean_j(each, each[..., 0] > 0) for each in (total, resampled))
     has_j = not np.isnan(j)
-    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": j if has_j else None}
+    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
     return Metrics(
         **measures,
-        success_interval=_interval(_rates(resampled.sum(1))["success_rate"]),
+        success_interval=percentile_interval(claim_rates(resampled.sum(1))["success_rate"]),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=proposer_return,
         mean_return_verifier=verifier_return,
         claims=sum(len(record.judgements) for record in records),
-        j_interval=_interval(js[~np.isnan(js)]) if has_j else None,
+        j_interval=percentile_interval(js[~np.isnan(js)]) if has_j else None,
         accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
         by_target={name: _measures(row) for name, row in (("true", total[1]), ("false", total[0])) if row[0]},
     )
@@ -163,7 +162,7 @@ def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
     return counts
 
 
-def _rates(counts: Float64Array) -> dict[str, Float64Array]:
+def claim_rates(counts: Float64Array) -> dict[str, Float64Array]:
     """(...) the rates from counts (..., 6); NaN without games, or true or false claims, to compute them from."""
     games, successes, true, true_accepted, false, false_accepted = np.moveaxis(counts, -1, 0)
     with np.errstate(invalid="ignore"):
@@ -174,26 +173,19 @@ def _rates(counts: Float64Array) -> dict[str, Float64Array]:
 
 def _measures(counts: Float64Array) -> dict[str, Any]:
     """The measures that counts (6,) determine, None for NaN."""
-    rates = {name: None if np.isnan(rate) else float(rate) for name, rate in _rates(counts).items()}
+    rates = {name: None if np.isnan(rate) else float(rate) for name, rate in claim_rates(counts).items()}
     return {"games": int(counts[0]), **rates}
 
 
-def _mean_j(counts: Float64Array) -> Float64Array:
-    """(...) the mean J of the target values that occur, from counts (..., 2, 6); NaN where one's is."""
-    played = counts[..., 0] > 0
-    return np.where(played, _rates(counts)["j"], 0).sum(-1) / played.sum(-1)
+def mean_j(counts: Float64Array, averaged: BoolArray) -> Float64Array:
+    """(...) the mean J over the target values in the mask, from counts (..., 2, 6); NaN where one's is."""
+    with np.errstate(invalid="ignore"):
+        return np.where(averaged, claim_rates(counts)["j"], 0).sum(-1) / averaged.sum(-1)
 
 
 def _resampled(counts: Float64Array) -> Float64Array:
     """(RESAMPLES, 2, 6) counts of statements drawn with replacement, always the same draws."""
-    statements = len(counts)
-    weights = np.random.default_rng(0).multinomial(statements, np.full(statements, 1 / statements), size=RESAMPLES)
-    return np.einsum("bs,stc->btc", weights.astype(np.float64), counts)
-
-
-def _interval(values: NDArray[Any]) -> Interval:
-    low, high = np.percentile(values, INTERVAL)
-    return float(low), float(high)
+    return np.einsum("bs,stc->btc", drawn_counts(len(counts), RESAMPLES), counts)
 
 
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:

@@ -112,6 +112,10 @@ class BatchTurn:
         """(k, actions)"""
         return self.games.masks(self.role, self.indices)
 
+    def are_legal(self, actions: Int64Array) -> BoolArray:
+        """(k,) whether each of the actions (k,) is legal."""
+        return self.action_mask[np.arange(len(actions)), actions] > 0
+
     @property
     def task_indices(self) -> Int64Array:
         """(k,) indices in `tasks`."""

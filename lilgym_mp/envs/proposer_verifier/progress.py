@@ -24,6 +24,5 @@ class GoalDistance:
         if key not in self._known:
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
-            actions = self._solver.solve_from(mdp._replace(steps=0)).actions
-            self._known[key] = math.nan if actions is None else len(actions)
+            self._known[key] = self._solver.distance(mdp) or math.nan
         return self._known[key]

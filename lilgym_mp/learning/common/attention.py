@@ -92,6 +92,12 @@ def attention_mask(words: Tensor) -> Tensor:
     return torch.zeros(words.shape, device=words.device).masked_fill_(words == 0, -1e4)[:, None, None]
 
 
+def among_all(indices: Tensor, rows: int) -> Tensor:
+    """Indices (S, ...) of the `rows` rows of each of S statements, as indices of all S * rows together."""
+    first = torch.arange(len(indices), device=indices.device) * rows
+    return indices + first.view(-1, *[1] * (indices.ndim - 1))
+
+
 class TextLayer(nn.Module):
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()

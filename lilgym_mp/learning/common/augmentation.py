@@ -11,7 +11,7 @@ from itertools import permutations
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Box, Colour, Item, Scene
+from lilgym_mp.scene import Colour, Item, Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem
 
 CACHE_SIZE = 32_768  # statement-program pairs
@@ -40,8 +40,7 @@ class Recolouring:
 
     def scene(self, scene: Scene) -> Scene:
         """The scene with new colours."""
-        left, middle, right = (Box(tuple(map(self._item, box.items))) for box in scene.boxes)
-        return Scene((left, middle, right))
+        return Scene.of(*(map(self._item, box.items) for box in scene.boxes))
 
     def _item(self, item: Item) -> Item:
         return item._replace(colour=self.colours[item.colour])

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.envs.observation import item_array
+from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Box, Item, Scene
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.appearances.base import optional
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
 
 GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
 GAP_BINS = len(GAP_BOUNDS) + 1
+ITEM_SIDES = np.array([*SIZE_PIXELS, 0])  # in pixels, by size; 0 for the -1 of an empty slot
 
 
 class BoxIndex:
@@ -52,8 +54,7 @@ class BoxIndex:
 
     def scene(self, boxes: Sequence[int]) -> Scene:
         """The scene of three boxes by index."""
-        left, middle, right = (self.boxes[index] for index in boxes)
-        return Scene((left, middle, right))
+        return Scene.of_boxes(self.boxes[index] for index in boxes)
 
 
 class FeatureTable(BoxIndex, ABC):
@@ -78,15 +79,13 @@ class FeatureTable(BoxIndex, ABC):
             self.item_capacity = most
             self._updated = 0
             new = self.boxes
-        for name, rows in self.columns(new, item_arrays(new, self.item_capacity)).items():
+        for name, rows in self.columns(new, item_array(new, self.item_capacity).astype(np.int64)).items():
             setattr(self, name, np.concatenate([getattr(self, name), rows]) if self._updated else rows)
         self._updated = len(self.boxes)
 
 
-def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
-    """(N, capacity, 5) the boxes' items, padded with -1."""
-    items = np.full((len(boxes), capacity, len(Item._fields)), -1, np.int64)
-    for row, box in zip(items, boxes, strict=True):
-        if box.items:
-            row[: len(box.items)] = box.items
-    return items
+def gap_features(items: Int64Array) -> UInt8Array:
+    """(..., 4 * GAP_BINS) one-hot bins of the gaps between items (..., 5) and the four walls, left and right first."""
+    sides = ITEM_SIDES[items[..., 4]]
+    gaps = (gap for start in (items[..., 0], items[..., 1]) for gap in (start, BOX_SIDE - start - sides))
+    return np.concatenate([one_hot(np.digitize(gap, GAP_BOUNDS), GAP_BINS) for gap in gaps], axis=-1)

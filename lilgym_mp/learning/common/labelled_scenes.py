@@ -15,6 +15,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.scene.appearances.places import places_of
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
+from lilgym_mp.scene.grouping import grouped
 
 Rng = np.random.Generator
 Boxes = tuple[int, int, int]  # a scene as indices in the box table
@@ -64,11 +65,8 @@ class Entry:
 
 def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[Entry]:
     """One entry for each distinct statement."""
-    entries: dict[str, Entry] = {}
-    for tasks in task_sets:
-        for task in tasks:
-            entries.setdefault(task.statement, Entry(task.statement)).tasks.append(task)
-    return list(entries.values())
+    groups = grouped((task.statement, task) for tasks in task_sets for task in tasks)
+    return [Entry(statement, tasks) for statement, tasks in groups.items()]
 
 
 class Collector:

@@ -47,7 +47,7 @@ class Slots(NamedTuple):
     arguments: Tensor  # (B, length) argument index under the parent
 
 
-class Attention(nn.Module):
+class CachedAttention(nn.Module):
     """Multi-head attention with keys and values computed separately, so that they can be cached."""
 
     def __init__(self, sizes: Sizes) -> None:
@@ -78,7 +78,7 @@ class Attention(nn.Module):
 class EncoderLayer(nn.Module):
     def __init__(self, sizes: Sizes, dropout: float) -> None:
         super().__init__()
-        self.attention = Attention(sizes)
+        self.attention = CachedAttention(sizes)
         self.hidden = _feed_forward(sizes, dropout)
         self.norms = nn.ModuleList(nn.LayerNorm(sizes.width) for _ in range(2))
         self.dropout = nn.Dropout(dropout)
@@ -92,8 +92,8 @@ class EncoderLayer(nn.Module):
 class DecoderLayer(nn.Module):
     def __init__(self, sizes: Sizes, dropout: float) -> None:
         super().__init__()
-        self.own = Attention(sizes)
-        self.statement = Attention(sizes)
+        self.own = CachedAttention(sizes)
+        self.statement = CachedAttention(sizes)
         self.hidden = _feed_forward(sizes, dropout)
         self.norms = nn.ModuleList(nn.LayerNorm(sizes.width) for _ in range(3))
         self.dropout = nn.Dropout(dropout)

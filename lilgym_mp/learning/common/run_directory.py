@@ -125,8 +125,7 @@ class RunDirectory:
                 state = torch.load(path, map_location=device, weights_only=True)
             yield state
         except Exception as error:  # a damaged file causes errors of any kind
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this run: {reason}") from None
+            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this run: {first_line(error)}") from None
 
     def record(self, line: Mapping[str, Any], file: str = PROGRESS_FILE) -> None:
         """Appends a line to a file of JSON lines."""
@@ -190,6 +189,11 @@ def _read_run(path: Path) -> RunDirectory:
     if found != (FORMAT, VERSION):
         raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
     return run
+
+
+def first_line(error: Exception) -> str:
+    """An error of another library in one line."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def shown(value: Any) -> str:

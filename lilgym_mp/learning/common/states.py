@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour, Item, Scene, Shape, Size
+from lilgym_mp.envs.observation import items_of
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
 from lilgym_mp.scene.render import draw, image_shape
 
@@ -76,15 +78,12 @@ class BoxImageTable:
     def item_indices(self, items: Int16Array) -> Int64Array:
         """(N, 3) box indices of scenes given as item arrays (N, 3, capacity, 5), drawn where they are new."""
         rows = items.reshape(-1, *items.shape[2:])
-        padded = padded_rows(len(rows), rows[0].nbytes)
-        padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
-        hashes, firsts, inverse = np.unique(row_hashes(padded), return_index=True, return_inverse=True)
+        hashes, firsts, inverse = np.unique(content_hashes(rows), return_index=True, return_inverse=True)
         known = self._index_of_items
         listed = hashes.tolist()
         for item_hash, row in zip(listed, firsts.tolist(), strict=True):
             if item_hash not in known:
-                shown = [Item(x, y, Shape(s), Colour(c), Size(z)) for x, y, s, c, z in rows[row].tolist() if z >= 0]
-                image = draw(Scene.of(shown, (), ()), "half")
+                image = draw(Scene.of(items_of(rows[row]), (), ()), "half")
                 known[item_hash] = int(self.indices(image[None])[0, 0])
         return np.array([known[item_hash] for item_hash in listed], np.int64)[inverse].reshape(-1, BOX_COUNT)
 
@@ -150,6 +149,13 @@ def row_hashes(padded: UInt8Array | UInt64Array) -> UInt64Array:
     """A 64-bit multilinear hash of each row, whole 8-byte words; two rows collide with probability at most 2^-63."""
     words = padded.view(np.uint64)
     return words @ _MULTIPLIERS[: words.shape[1]]
+
+
+def content_hashes(rows: NDArray[Any]) -> UInt64Array:
+    """(N,) `row_hashes` of the bytes of rows (N, ...)."""
+    padded = padded_rows(len(rows), rows[0].nbytes)
+    padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
+    return row_hashes(padded)
 
 
 def assign_indices(hashes: UInt64Array, known: dict[int, int]) -> tuple[Int64Array, Int64Array]:

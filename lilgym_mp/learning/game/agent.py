@@ -101,8 +101,7 @@ class SeatPartner(BatchPartner):
         """(k,) legal actions. Raises AgentError for a game with other actions."""
         uniforms = OwnUniforms(turn)
         actions = self._policy(turn).act(lambda part: part.sample(uniforms) if self._sampled else part.greedy())
-        is_legal = turn.action_mask[np.arange(len(actions)), actions]
-        return np.where(is_legal, actions, turn.action_mask.argmax(1))
+        return np.where(turn.are_legal(actions), actions, turn.action_mask.argmax(1))
 
     def _policy(self, turn: BatchTurn) -> AgentPolicy:
         own, game = self._network.game, turn.game

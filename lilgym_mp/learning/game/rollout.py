@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.metrics import claim_rates, mean_j
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
@@ -82,13 +83,13 @@ class Rollout:
     def claim_rates(self) -> tuple[float, float, float]:
         """True-accept rate, false-accept rate, and their difference averaged over the targets; NaN without claims."""
         judged = self.verdicts != NO_CHOICE
-        counts = np.zeros((2, 2, 2))  # by target, whether the claim holds, whether it was accepted
-        np.add.at(counts, (self.targets[judged], self.holds[judged].astype(int), self.verdicts[judged]), 1)
-        counts = np.array([*counts, counts.sum(0)])
-        with np.errstate(invalid="ignore"):
-            shares = counts[..., 1] / counts.sum(-1)
-        js = (shares[:2, 1] - shares[:2, 0])[~np.isnan(shares[:2].sum(-1))]
-        return float(shares[2, 1]), float(shares[2, 0]), float(js.mean()) if len(js) else np.nan
+        counts = np.zeros((2, 6))  # by target, as `claim_rates` takes them
+        first = np.where(self.holds[judged], 2, 4)
+        np.add.at(counts, (self.targets[judged], first), 1)
+        np.add.at(counts, (self.targets[judged], first + 1), self.verdicts[judged])
+        rates = claim_rates(counts.sum(0))
+        j = mean_j(counts, (counts[:, [2, 4]] > 0).all(1))
+        return float(rates["true_accept_rate"]), float(rates["false_accept_rate"]), float(j)
 
     @property
     def unfinished(self) -> float:

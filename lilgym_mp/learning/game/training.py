@@ -44,7 +44,7 @@ TEXT_LAYERS, HEADS = 1, 2
 MOST_UNFINISHED = 0.1  # share of games without an end in a rollout; with more, a run warns
 
 
-class Progress(NamedTuple):
+class GameProgress(NamedTuple):
     """A line of progress.jsonl: statistics of one rollout and its updates."""
 
     steps: int  # turns so far
@@ -78,7 +78,7 @@ class GameCounters(Counters):
     games: int = 0
 
 
-class Run(TrainingRun):
+class GameRun(TrainingRun):
     """Trains agents of the game until `minutes` of CPU time or `steps` turns are spent, whichever is first.
 
     `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is played
@@ -175,7 +175,7 @@ class Run(TrainingRun):
 
     # Learning
 
-    def step(self) -> Progress:
+    def step(self) -> GameProgress:
         """Plays a rollout and learns from it."""
         start, entropy_coefficient = self.seconds(), 0.0
         for optimiser in self._optimisers.values():
@@ -259,12 +259,12 @@ class Run(TrainingRun):
 
     def _progress(
         self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
-    ) -> Progress:
+    ) -> GameProgress:
         count, counters, seconds = int(rollout.ended.sum()), self.counters, self.seconds()
         counters.games += count
         true, false, j = (None if np.isnan(rate) else rate for rate in rollout.claim_rates())
         loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
-        return Progress(
+        return GameProgress(
             steps=counters.steps,
             games=counters.games,
             cpu_seconds=round(seconds, 3),
@@ -351,7 +351,7 @@ class _MixedPolicy(NamedTuple):
         return log_probs, entropies
 
 
-train_game = training(Run)
+train_game = training(GameRun)
 
 
 def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:

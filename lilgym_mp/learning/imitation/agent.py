@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -12,11 +12,13 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.envs.rules import Dynamics, Outcome
-from lilgym_mp.evaluation import Episode, Observations, Policy, Settings
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.policies import PolicyOutput
+from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, precision
+from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads, action_heads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, make_inputs
@@ -26,7 +28,6 @@ from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import Float32Array, Int64Array, UInt8Array
 
@@ -114,44 +115,16 @@ def choose_actions(
     return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
 
 
-def play_episodes(
-    policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], rule: StopRule, rng: np.random.Generator | None
-) -> list[Episode]:
-    """One episode of each task, in parallel: sampled with `rng`, greedy without."""
-    states = [dynamics.start(task) for task in tasks]
-    actions: list[list[Action]] = [[] for _ in states]
-    outcomes = [Outcome.CONTINUES] * len(states)
-    running = list(range(len(states)))
-    while running:
-        now = [states[index] for index in running]
-        boxes = policy.table.indices([state.scene for state in now])
-        targets = [state.task.target for state in now]
-        found = policy.log_probabilities([state.task.statement for state in now], boxes, np.array(targets, np.int64))
-        steps = np.array([state.steps for state in now])
-        still_running: list[int] = []
-        chosen = choose_actions(found, steps, dynamics.horizon, rule, rng)
-        for index, logit_index in zip(running, chosen.tolist(), strict=True):
-            actions[index].append(dynamics.appearance.decode(int(policy.heads.action_of[logit_index])))
-            transition = dynamics.step(states[index], actions[index][-1])
-            states[index], outcomes[index] = transition.state, transition.outcome
-            if transition.outcome is Outcome.CONTINUES:
-                still_running.append(index)
-        running = still_running
-    return [
-        Episode.of(state.task, played, outcome, dynamics)
-        for state, played, outcome in zip(states, actions, outcomes, strict=True)
-    ]
-
-
 def tune_stop_rule(
-    policy: NetworkPolicy, dynamics: Dynamics, tasks: Sequence[Task], rng: np.random.Generator
+    policy: NetworkPolicy, settings: Settings, tasks: Sequence[Task], rng: np.random.Generator
 ) -> tuple[StopRule, float]:
     """The stop rule with the highest accuracy on the tasks, and that accuracy; ties go to the first one tried."""
     tried: list[tuple[float, StopRule]] = []
+    envs = settings.make_batch(TRAINING_SPLIT, len(tasks))
 
     def attempt(rule: StopRule) -> float:
-        episodes = play_episodes(policy, dynamics, tasks, rule, rng if rule.sampled else None)
-        accuracy = float(np.mean([episode.is_success for episode in episodes]))
+        playing = StopRulePolicy(policy, envs.dynamics, rule, sampled=rule.sampled, needs_states=True)
+        accuracy = float(np.mean([episode.is_success for episode in play_tasks(playing, envs, tasks, rng)]))
         tried.append((accuracy, rule))
         return accuracy
 
@@ -202,20 +175,27 @@ class ImitationAgent(Agent):
         if dynamics.appearance.grid not in (None, RELEASED_GRID):
             raise ValueError(f"this network plays Scatter on the grid 19 x 5, not {settings.grid}")
         rule = self.rules[settings.configuration]
-        return _ImagePolicy(self, dynamics, rule, sampled=sampled or rule.sampled)
+        tokenizer = StatementTokenizer(Vocabulary(tuple(self.description.details["network"]["vocabulary"])))
+        policy = NetworkPolicy(self.network, BoxFeatureTable(), action_heads(dynamics.appearance), tokenizer)
+        return StopRulePolicy(policy, dynamics, rule, sampled=sampled or rule.sampled)
 
 
-class _ImagePolicy(Policy):
-    """The network on images, which `perception` reads into boxes; it stops where one cannot be read."""
+class StopRulePolicy(Policy):
+    """The network with a stop rule: on images, which `perception` reads into boxes, or in training on the scenes.
+
+    It stops where an image cannot be read.
+    """
 
     needs_masks = False
 
-    def __init__(self, agent: ImitationAgent, dynamics: Dynamics, rule: StopRule, *, sampled: bool) -> None:
+    def __init__(
+        self, policy: NetworkPolicy, dynamics: Dynamics, rule: StopRule, *, sampled: bool, needs_states: bool = False
+    ) -> None:
         self._dynamics = dynamics
         self._rule = rule
         self._sampled = sampled
-        tokenizer = StatementTokenizer(Vocabulary(tuple(agent.description.details["network"]["vocabulary"])))
-        self._policy = NetworkPolicy(agent.network, BoxFeatureTable(), action_heads(dynamics.appearance), tokenizer)
+        self.needs_states = needs_states
+        self._policy = policy
         self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -223,7 +203,10 @@ class _ImagePolicy(Policy):
             self._policy = replace(self._policy, table=BoxFeatureTable())
         policy = self._policy
         dynamics = self._dynamics
-        scenes, unread = _scenes(observations.images, dynamics.appearance.name)
+        if self.needs_states:
+            scenes, unread = [state.scene for state in observations.states], list[int]()
+        else:
+            scenes, unread = _scenes(observations.images, dynamics.appearance.name)
         self._latest = observations.statements, policy.table.indices(scenes), observations.targets
         log_probabilities = policy.log_probabilities(*self._latest)
         generator = rng if self._sampled else None

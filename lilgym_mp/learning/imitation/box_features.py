@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable
+from lilgym_mp.learning.common.boxes import GAP_BINS, ITEM_SIDES, FeatureTable, gap_features
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
 from lilgym_mp.scene.appearances.scatter.cell_places import legal_edits
 from lilgym_mp.scene.arrays import one_hot
@@ -58,12 +58,10 @@ def _legal(box: Box) -> NDArray[np.bool_]:
 def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     """(N, K, F) features of each item except its colour, from (N, K, 5) items padded with -1."""
     x, y, shape, _, size = (items[..., field] for field in range(5))
-    side = 10 * (size + 1)
-    gaps = (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side)
     parts = [
         one_hot(shape, 3),
         one_hot(size, 3),
-        *(one_hot(np.digitize(gap, GAP_BOUNDS), GAP_BINS) for gap in gaps),
+        gap_features(items),
         one_hot((x.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
         one_hot((y.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
     ]
@@ -74,7 +72,7 @@ def item_relations(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     """(N, K, K) the second item's relation to the first: horizontal and vertical direction, and distance bin."""
     x = items[..., 0]
     y = items[..., 1]
-    side = 10 * (items[..., 4] + 1)
+    side = ITEM_SIDES[items[..., 4]]
     horizontal, gap_x = _direction(x, side)
     vertical, gap_y = _direction(y, side)
     distance = np.digitize(np.maximum(gap_x, gap_y), DISTANCE_BOUNDS)

@@ -19,6 +19,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver import Solver
 
 MAX_RANDOM_EDITS = 3
@@ -43,9 +44,7 @@ class DatasetEntry(Entry):
 
 def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) -> list[DatasetEntry]:
     """One entry per statement and program, with its tasks; unless the programs may be read, all exchange colours."""
-    groups: dict[tuple[str, str], list[Task]] = {}
-    for task in tasks:
-        groups.setdefault((task.statement, task.program), []).append(task)
+    groups = grouped(((task.statement, task.program), task) for task in tasks)
     return [
         DatasetEntry(
             statement=statement,

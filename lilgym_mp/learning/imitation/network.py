@@ -15,10 +15,18 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.learning.common.attention import Attention, Feedforward, StatementEncodings, TextEncoder, attention_mask
+from lilgym_mp.learning.common.attention import (
+    Attention,
+    Feedforward,
+    StatementEncodings,
+    TextEncoder,
+    among_all,
+    attention_mask,
+)
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
-from lilgym_mp.scene import FOOTPRINT_COUNT, Colour, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_COUNT, Colour
 from lilgym_mp.scene.appearances import part_of
+from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS
 
 MAX_STEPS = 8  # classes of the steps-to-go head
 RELATION_GATES = 8  # per relation layer
@@ -140,7 +148,7 @@ class ScatterHeads(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.item_types = len(Shape) * len(Colour) * len(Size)
+        self.item_types = ITEM_TYPE_COUNT
         self.geometry = CellGeometry()
         self.across = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
         self.down = nn.Embedding(1 + FOOTPRINT_COUNT * OFFSETS, VALUE_CHANNELS, padding_idx=0)
@@ -151,8 +159,7 @@ class ScatterHeads(nn.Module):
         self.wanted = nn.Linear(width, self.item_types * CELL_CHANNELS)  # ADD queries
         self.wanted_remove = nn.Linear(width, CELL_CHANNELS)  # REMOVE query
         self.look = nn.Linear(width, self.item_types)  # bias per item type, shared by all cells
-        footprints = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
-        self.register_buffer("footprints", torch.tensor(footprints), persistent=False)
+        self.register_buffer("footprints", torch.tensor(ITEM_TYPE_FOOTPRINTS), persistent=False)
 
     def encode_cells(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """(S, V, 25, C) cell keys and (S, V, 25, 10) legality logits."""
@@ -296,7 +303,5 @@ class ImitationNetwork(nn.Module):
 
 def gather_boxes(vectors: Tensor, scenes: Tensor) -> Tensor:
     """(S, N, 3, ...) the vectors of each scene's boxes, from (S, U, ...) of all boxes."""
-    statements, boxes = vectors.shape[:2]
-    first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
-    flat = (scenes + first).flatten()
+    flat = among_all(scenes, vectors.shape[1]).flatten()
     return vectors.flatten(0, 1).index_select(0, flat).unflatten(0, scenes.shape)

@@ -1,13 +1,14 @@
 """Imitation of sets of optimal actions with dataset aggregation (DAgger): a run from pretraining to the stop rule.
 
-Start reading at `Run.learn`.
+Start reading at `ImitationRun.learn`.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple, Unpack
@@ -18,22 +19,23 @@ import torch
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
-from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.episodes import scenes
+from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise, warm_up
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.run_directory import TrainingRunError
-from lilgym_mp.learning.common.tasks import train_tasks
+from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import (
     ImitationAgent,
     NetworkPolicy,
     StopRule,
+    StopRulePolicy,
     architecture,
     make_network,
-    play_episodes,
     tune_stop_rule,
 )
 from lilgym_mp.learning.imitation.batches import BatchSampler, losses
@@ -43,7 +45,7 @@ from lilgym_mp.learning.imitation.learner import ImitationOptions, ImitationReci
 from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_geometry
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.appearances import RELEASED_GRID
 
 ENTRIES_PER_COLLECTION = 32
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
@@ -54,7 +56,7 @@ MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
 
-class Progress(NamedTuple):
+class ImitationProgress(NamedTuple):
     """A line of progress.jsonl; losses are means since the last report."""
 
     updates: int  # optimiser steps
@@ -81,7 +83,7 @@ class ImitationCounters(Counters):
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
-class Run(TrainingRun):
+class ImitationRun(TrainingRun):
     """Trains an agent by imitation.
 
     The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
@@ -122,7 +124,8 @@ class Run(TrainingRun):
         }
         planner = None if teacher is None else open_teacher(teacher).planner(settings)
         self.begin(identity)
-        self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
+        self._played = replace(settings, grid=RELEASED_GRID)  # the network's heads are those of that grid
+        self._dynamics = self._played.dynamics()
         every = entries_from_tasks(tasks, reads_programs=teacher is None)
         if teacher is not None:  # episodes begin with the starts of every configuration
             others = [task for some in [*played.values()][1:] for task in some]
@@ -163,6 +166,11 @@ class Run(TrainingRun):
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
+    @cached_property
+    def _envs(self) -> BatchedEnv:
+        """Where the network plays to collect its own states."""
+        return self._played.make_batch(TRAINING_SPLIT, ENTRIES_PER_COLLECTION)
+
     # Training
 
     def learn(self) -> None:
@@ -177,7 +185,7 @@ class Run(TrainingRun):
         self.optimise()
 
     def step(self) -> dict[str, float]:
-        """One optimiser step; returns losses of `Progress`."""
+        """One optimiser step; returns losses of `ImitationProgress`."""
         recipe = self._recipe
         network = self._network
         counters = self.counters
@@ -225,8 +233,10 @@ class Run(TrainingRun):
     def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
         """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
         tasks = [self._collector.task(entry) for entry in entries]
-        rng = self._rng if self._rng.random() < 0.5 else None
-        played = play_episodes(self._policy, self._dynamics, tasks, StopRule(never_first=self._is_flipit), rng)
+        sampled = self._rng.random() < 0.5
+        rule = StopRule(never_first=self._is_flipit)
+        policy = StopRulePolicy(self._policy, self._dynamics, rule, sampled=sampled, needs_states=True)
+        played = play_tasks(policy, self._envs, tasks, self._rng)
         for entry, task, episode in zip(entries, tasks, played, strict=True):
             visited = scenes(self._dynamics, task.start, episode.actions)[:-1]  # before each action
             self._collector.add_last_scenes(entry, task, visited, LAST_SCENES)
@@ -264,9 +274,9 @@ class Run(TrainingRun):
 
     # Files
 
-    def progress_line(self, recent: Sequence[dict[str, float]]) -> Progress:
+    def progress_line(self, recent: Sequence[dict[str, float]]) -> ImitationProgress:
         counters = self.counters
-        return Progress(
+        return ImitationProgress(
             updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
@@ -293,7 +303,7 @@ class Run(TrainingRun):
             rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT), None
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
-                rules[name], accuracies[name] = tune_stop_rule(self._policy, self._dynamics, chosen, self._rng)
+                rules[name], accuracies[name] = tune_stop_rule(self._policy, self._played, chosen, self._rng)
         corpus = self._settings.corpus
         details = {
             "network": self._architecture,
@@ -317,4 +327,4 @@ class Run(TrainingRun):
         return ImitationAgent(description, self._network.eval(), rules)
 
 
-train_imitation = training(Run)
+train_imitation = training(ImitationRun)

@@ -42,7 +42,7 @@ MAX_STARTS = 2  # start scenes planned from per held-out statement and target, f
 MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses it
 
 
-class Progress(NamedTuple):
+class ParserProgress(NamedTuple):
     """A line of progress.jsonl."""
 
     updates: int
@@ -96,7 +96,7 @@ def corpus_examples(corpus: str) -> list[Example]:
     return list(found)
 
 
-class Run(TrainingRun):
+class ParserRun(TrainingRun):
     """Trains one parser for all appearances in a corpus.
 
     Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers. `out`,
@@ -147,8 +147,8 @@ class Run(TrainingRun):
         ]
         return words, [TOKENS.index(token) for token in pair.tokens]
 
-    def progress_line(self, recent: Sequence[float]) -> Progress:
-        return Progress(self.counters.updates, sum(recent) / len(recent), self.seconds())
+    def progress_line(self, recent: Sequence[float]) -> ParserProgress:
+        return ParserProgress(self.counters.updates, sum(recent) / len(recent), self.seconds())
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
@@ -176,7 +176,7 @@ class Run(TrainingRun):
         return ParseAndPlanAgent(description, parser)
 
 
-train_parser = training(Run)
+train_parser = training(ParserRun)
 
 
 # Calibration on held-out statements

@@ -23,14 +23,15 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.learning.common.factored_policy import Factorisation, slot_factorisation
 from lilgym_mp.learning.common.model import Model, Prediction, WeightsError
 from lilgym_mp.learning.common.model_file import weights_digest
+from lilgym_mp.learning.common.run_directory import first_line
 from lilgym_mp.learning.common.states import (
     IMAGE_SHAPE,
     PITCH,
     SIDE,
     States,
     assign_indices,
+    content_hashes,
     distinct,
-    padded_rows,
     row_hashes,
 )
 from lilgym_mp.learning.ppo.learner import FINE_TUNED
@@ -107,8 +108,7 @@ def _pretrained(load: Any, path: Path, **options: Any) -> Any:
     try:
         return load(path, local_files_only=True, **options)
     except Exception as error:  # parsers of tokenizers raise anything, and safetensors has its own exception
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise WeightsError(f"{path}: cannot be loaded: {reason}") from None
+        raise WeightsError(f"{path}: cannot be loaded: {first_line(error)}") from None
 
 
 def _pretrained_network(load: Any, path: Path, **options: Any) -> Any:
@@ -299,9 +299,7 @@ class WindowTable:
             if layer == len(self._windows):
                 self._known.append({})
                 self._windows.append(np.zeros((1, rows.shape[1]), rows.dtype))
-            padded = padded_rows(len(rows), rows[0].nbytes)
-            padded[:, : rows[0].nbytes] = rows.view(np.uint8)
-            indices, new = assign_indices(row_hashes(padded), self._known[layer])
+            indices, new = assign_indices(content_hashes(rows), self._known[layer])
             self._windows[layer] = np.concatenate((self._windows[layer], rows[new]))
             seen = 1 + indices.reshape(*cut.shape[:3], 1)
         return seen.reshape(len(images), -1)

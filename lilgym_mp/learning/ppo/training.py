@@ -40,7 +40,7 @@ from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import Int64Array
 
 
-class Progress(NamedTuple):
+class PPOProgress(NamedTuple):
     """A line of progress.jsonl: statistics of one rollout and its updates."""
 
     steps: int  # so far, like the next two fields
@@ -71,7 +71,7 @@ class PPOCounters(Counters):
     episodes: int = 0
 
 
-class Run(TrainingRun):
+class PPORun(TrainingRun):
     """Trains an agent by PPO for `steps` environment steps in total, rounded up to whole rollouts with their updates.
 
     `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
@@ -166,7 +166,7 @@ class Run(TrainingRun):
     def is_over(self) -> bool:
         return super().is_over() or self.validation.is_out_of_patience
 
-    def step(self) -> Progress:
+    def step(self) -> PPOProgress:
         """Collects a rollout and optimises on it."""
         counters = self.counters
         if self.curve is not None and self.curve.is_due(counters.steps):
@@ -209,14 +209,14 @@ class Run(TrainingRun):
         is_worth_it = self.device.type == "cuda" or self.recipe.model in TRANSFORMERS
         return precision(self.device, reduced=self.recipe.reduced_precision and is_worth_it)
 
-    def _progress(self, mean: Losses, start_seconds: float) -> Progress:
+    def _progress(self, mean: Losses, start_seconds: float) -> PPOProgress:
         statistics = self._collector.statistics
         self._collector.statistics = EpisodeStatistics()
         count = statistics.ends.total()
         counters = self.counters
         counters.episodes += count
         seconds = self.seconds()
-        return Progress(
+        return PPOProgress(
             steps=counters.steps,
             episodes=counters.episodes,
             cpu_seconds=round(seconds, 3),
@@ -286,4 +286,4 @@ def uses_graphs(model: Model, recipe: PPORecipe, device: torch.device) -> bool:
     return device.type == "cuda" and model.has_fixed_inputs and even and not recipe.mask
 
 
-train_ppo = training(Run)
+train_ppo = training(PPORun)

@@ -19,10 +19,10 @@ from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
 from lilgym_mp.learning.common.attention import MIN_PADDED_WORDS
-from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable
+from lilgym_mp.learning.common.boxes import GAP_BINS, ITEM_SIDES, FeatureTable, gap_features
 from lilgym_mp.learning.common.words import StatementTokenizer, exchange_table, pad_rows
 from lilgym_mp.learning.reward_model.network import BoxFeatures
-from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
+from lilgym_mp.scene import Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.appearances.tower.geometry import CAPACITY
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
@@ -148,14 +148,12 @@ class BoxTable(FeatureTable):
 def scatter_item_features(items: Int64Array) -> UInt8Array:
     """(..., F) from (..., 5) items; rows of -1 give zeros."""
     x, y, shape, colour, size = np.moveaxis(items, -1, 0)
-    side = 10 * (size + 1)
-    gaps = (np.digitize(gap, GAP_BOUNDS) for gap in (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side))
-    centres = (np.digitize(2 * start + side, CENTRE_BOUNDS) for start in (x, y))
+    centres = (np.digitize(2 * start + ITEM_SIDES[size], CENTRE_BOUNDS) for start in (x, y))
     parts = [
         one_hot(colour, COLOURS),
         one_hot(shape, SHAPES),
         one_hot(size, SIZES),
-        *(one_hot(gap, GAP_BINS) for gap in gaps),
+        gap_features(items),
         *(one_hot(centre, CENTRE_BINS) for centre in centres),
     ]
     return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)

@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.learning.common.attention import Attention, Feedforward, TextEncoder, attention_mask
+from lilgym_mp.learning.common.attention import Attention, Feedforward, TextEncoder, among_all, attention_mask
 
 CODE = 8  # values for a count: seven comparisons, and itself
 SPARSE = -1.5  # initial bias of what is counted: few items are
@@ -101,12 +101,11 @@ class ModulatedNetwork(nn.Module):
     def item_sums(self, reading: Reading, features: BoxFeatures) -> Tensor:
         """(S, U, d + k) of U boxes."""
         units = self.item_units(reading, features.items)
-        statements, items = units.shape[:2]
-        first = torch.arange(statements, device=units.device)[:, None, None] * items
-        members = torch.where(features.members > 0, features.members + first, 0)
+        members = features.members.expand(len(units), -1, -1)  # those of the same boxes for all statements, too
+        members = torch.where(members > 0, among_all(members, units.shape[1]), 0)
         # row 0, no item of the first statement, is left out
         sums = F.embedding_bag(members.flatten(0, 1), units.flatten(0, 1), mode="sum", padding_idx=0)
-        return sums.unflatten(0, (statements, -1))
+        return sums.unflatten(0, (len(units), -1))
 
     def box_values(self, reading: Reading, sums: Tensor, looks: Tensor) -> Tensor:
         """(S, U, 2 (d + k)), counts last, from item sums (S, U, d + k) and box features (S or 1, U, G)."""
@@ -146,7 +145,5 @@ class ModulatedNetwork(nn.Module):
 
 def sum_boxes(values: Tensor, scenes: Tensor) -> Tensor:
     """(S, N, n) the values (S, U, n) of each scene's boxes, summed; `scenes` (S, N, 3)."""
-    statements, boxes = values.shape[:2]
-    first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
-    sums = F.embedding_bag((scenes + first).flatten(0, 1), values.flatten(0, 1), mode="sum")
+    sums = F.embedding_bag(among_all(scenes, values.shape[1]).flatten(0, 1), values.flatten(0, 1), mode="sum")
     return sums.unflatten(0, scenes.shape[:2])

@@ -39,7 +39,7 @@ LOWEST_RATE = 0.02  # the last learning rate relative to the peak
 WARM_UP = 100  # optimiser steps of linear warm-up; cosine decay follows
 
 
-class Progress(NamedTuple):
+class RewardModelProgress(NamedTuple):
     """A line of progress.jsonl; loss and accuracy are means since the last report."""
 
     updates: int  # optimiser steps
@@ -65,7 +65,7 @@ class RewardModelCounters(Counters):
     labels: int = 0  # labelled scenes trained on
 
 
-class Run(TrainingRun):
+class RewardModelRun(TrainingRun):
     """Trains a reward model.
 
     The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
@@ -231,12 +231,12 @@ class Run(TrainingRun):
 
     # Files
 
-    def progress_line(self, recent: Sequence[tuple[float, float]]) -> Progress:
+    def progress_line(self, recent: Sequence[tuple[float, float]]) -> RewardModelProgress:
         counters = self.counters
         collector = self._collector
         loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
         held_out = self._held_out_accuracy()
-        return Progress(
+        return RewardModelProgress(
             counters.updates,
             counters.labels,
             collector.stops,
@@ -278,7 +278,7 @@ class Run(TrainingRun):
         return RewardModelAgent(description, recipe, self._averaged.cpu(), vocabulary, self._settings.appearance)
 
 
-train_reward_model = training(Run)
+train_reward_model = training(RewardModelRun)
 
 
 def _accuracy(logits: Tensor, truths: Tensor) -> float:

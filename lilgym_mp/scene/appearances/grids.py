@@ -44,6 +44,12 @@ def checked_grid(grid: object) -> Grid:
     return columns, rows
 
 
+def cell_size(grid: Grid) -> tuple[int, int]:
+    """Width and height of a cell in pixels."""
+    columns, rows = grid
+    return IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+
+
 def read_grid(text: str) -> Grid | str:
     """A grid written as 38x10, or "native". Raises ValueError naming the valid forms."""
     if text == NATIVE:

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Item, Scene
 from lilgym_mp.scene.actions import BOX_NAMES, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.base import Appearance, Grid
+from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
@@ -60,7 +61,7 @@ class Cells(NamedTuple):
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of a cell in pixels."""
-        return IMAGE_WIDTH // self.counts[0], IMAGE_HEIGHT // self.counts[1]
+        return cell_size(self.counts)
 
     @property
     def box_shape(self) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +13,11 @@ from gymnasium.error import ResetNeeded
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env
+from lilgym_mp.envs.proposer_verifier.progress import GoalDistance
+from lilgym_mp.envs.rules import State
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.solver import Solver
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
@@ -203,3 +209,11 @@ def test_progress__pays_each_step_towards_the_goal(protocol: str):
             assert rewards[PROPOSER][index] == pytest.approx(unshaped[PROPOSER][index] + 0.5 * progress)
             assert rewards[VERIFIER][index] == pytest.approx(0.25 * progress)
     assert has_paid
+
+
+def test_goal_distance__counts_the_expert_s_actions_and_is_unknown_without_a_solution():
+    distance = GoalDistance(Settings("TowerScratch").dynamics())
+    programs = ("exist(filter_color(all_items, Color.BLUE))", "exist(filter_shape(all_items, Shape.CIRCLE))")
+    blue, circle = (State(Task("", "", program, True, Scene.empty()), Scene.empty(), 3) for program in programs)
+    assert distance(blue) == 2  # whatever the step
+    assert math.isnan(distance(circle))

@@ -33,7 +33,7 @@ from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
-from lilgym_mp.learning.game.training import Progress, Run, train_game
+from lilgym_mp.learning.game.training import GameProgress, GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
@@ -181,7 +181,7 @@ def test_claims__are_of_the_scene_that_was_judged(
 
 
 def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path):
-    heard: list[Progress] = []
+    heard: list[GameProgress] = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=heard.append)
     assert [progress.steps for progress in heard] == [64, 128] * 3
@@ -194,7 +194,7 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
     trained(tmp_path / "whole", 256, INDEPENDENT)
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: GameProgress) -> None:
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -236,11 +236,11 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
     wide = replace(SMALL, width=112)
-    run = Run(JOINT, wide, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
+    run = GameRun(JOINT, wide, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
     own = run.networks["shared"].state_dict()
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.network.state_dict().items())
     with pytest.raises(ValueError, match="the agents to start from have width 112, not 16"):
-        Run(JOINT, SMALL, tmp_path / "other", steps=64, start_from=Path("ppo-tower"), device="cpu")
+        GameRun(JOINT, SMALL, tmp_path / "other", steps=64, start_from=Path("ppo-tower"), device="cpu")
 
 
 # Invalid input

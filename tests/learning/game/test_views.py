@@ -20,7 +20,7 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
-from lilgym_mp.learning.game.training import Run, train_game
+from lilgym_mp.learning.game.training import GameRun, train_game
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
@@ -132,16 +132,18 @@ def test_situations__leave_out_what_a_view_hides_and_add_past_turns():
 def test_views_without_a_claim__are_refused_in_one_line(tmp_path: Path):
     blind = {"proposer_0": View(), "verifier_0": EYES_SHUT}
     with pytest.raises(ValueError, match=r"'audit' has verifier_0 judge .* views show it no statement, and proposer_0"):
-        Run(GameSettings(protocol="audit", views=blind), SMALL, tmp_path, steps=64, device="cpu")
+        GameRun(GameSettings(protocol="audit", views=blind), SMALL, tmp_path, steps=64, device="cpu")
 
 
 def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path: Path):
     trained(tmp_path / "four", GameSettings(protocol="critique"))
     sizes = r"message_size \{'proposer_0': 0, 'verifier_0': 4\}; this game has \{'proposer_0': 0, 'verifier_0': 13\}"
     with pytest.raises(AgentError, match=sizes):
-        Run(GUIDED, INDEPENDENT, tmp_path / "other", steps=64, proposers=[tmp_path / "four"], device="cpu")
+        GameRun(GUIDED, INDEPENDENT, tmp_path / "other", steps=64, proposers=[tmp_path / "four"], device="cpu")
     with pytest.raises(AgentError, match="guide needs one message of verifier_0 for each action"):
-        Run(GameSettings(protocol="critique"), SMALL, tmp_path / "g", steps=64, verifiers=[Path("guide")], device="cpu")
+        GameRun(
+            GameSettings(protocol="critique"), SMALL, tmp_path / "g", steps=64, verifiers=[Path("guide")], device="cpu"
+        )
 
 
 @pytest.mark.long
@@ -165,7 +167,7 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path: Path, thre
 
 
 def test_messages__start_varied_and_depend_on_each_box(tmp_path: Path):
-    run = Run(GUIDED, SMALL, tmp_path, steps=64, device="cpu")
+    run = GameRun(GUIDED, SMALL, tmp_path, steps=64, device="cpu")
     network: Any = run.networks["shared"]
     first, weights = int(network._offsets[3]), network.context.weight.detach()
     assert 0.7 < float(weights[first : first + 14].std()) < 1.3

@@ -98,7 +98,7 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe = small_recipe(settings)
 
-    def killed(progress: training.Progress) -> None:
+    def killed(progress: training.ImitationProgress) -> None:
         signal.raise_signal(signal.SIGTERM)
 
     with pytest.MonkeyPatch.context() as patch:

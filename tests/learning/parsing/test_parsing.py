@@ -211,7 +211,7 @@ def test_resume__continues_from_the_last_checkpoint(own: str, tmp_path: Path, mo
     recipe = dataclasses.replace(SMALL, updates=40)
     steps: list[int] = []
 
-    def interrupt(progress: training.Progress) -> None:
+    def interrupt(progress: training.ParserProgress) -> None:
         if progress.updates == 11:
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)  # at once, without a checkpoint

@@ -27,7 +27,7 @@ from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe
 from lilgym_mp.learning.ppo.learning_curve import LearningCurve
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
-from lilgym_mp.learning.ppo.training import Progress, train_ppo
+from lilgym_mp.learning.ppo.training import PPOProgress, train_ppo
 from lilgym_mp.scene import Scene
 from tests.corpora import write_own_corpus
 from tests.learning.conftest import equal, weights
@@ -98,7 +98,7 @@ def test_train__does_not_solve_three_statements_with_shuffled_rewards(
 
 
 def test_train__reports_and_records_each_rollout(tmp_path: Path):
-    heard: list[Progress] = []
+    heard: list[PPOProgress] = []
     agent = trained(tmp_path / "run", 80, on_progress=heard.append)
     assert [progress.steps for progress in heard] == [32, 64, 96]
     assert {path.name for path in (tmp_path / "run").iterdir()} == {
@@ -143,7 +143,7 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, ow
     settings = Settings("TowerFlipIt", corpus=own)
     trained(tmp_path / "whole", 128, recipe, settings)
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: PPOProgress) -> None:
         if progress.steps == 64:
             os.kill(os.getpid(), signal.SIGINT)
 

@@ -139,10 +139,10 @@ def test_training__survives_a_search_that_begins_a_new_box_table(
 
 
 def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    step = training.Run.step
+    step = training.RewardModelRun.step
     done: list[int] = []
 
-    def interrupted(run: training.Run) -> tuple[float, float]:
+    def interrupted(run: training.RewardModelRun) -> tuple[float, float]:
         done.append(1)
         if len(done) == 8:
             signal.raise_signal(signal.SIGINT)
@@ -151,11 +151,11 @@ def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatc
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe, out = small_recipe(settings), tmp_path / "run"
     with monkeypatch.context() as patched:
-        patched.setattr(training.Run, "step", interrupted)
+        patched.setattr(training.RewardModelRun, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train_reward_model(settings, recipe, out, updates=20)
     before, collected = len(done), []
-    monkeypatch.setattr(training.Run, "_collect_more", lambda run: collected.append(run.counters.updates))
+    monkeypatch.setattr(training.RewardModelRun, "_collect_more", lambda run: collected.append(run.counters.updates))
     agent = train_reward_model(settings, recipe, out, updates=20, resume=True)
     assert agent.description.details["labels"] == 20 * 3 * 32
     assert collected == [*range(before, 20)], "as the scenes collected before are lost"

@@ -53,11 +53,16 @@ def _distance(p: Point, q: Point) -> float:
     return sqrt(dx * dx + dy * dy)
 
 
-def _to_segment(p: Point, a: Point, b: Point) -> float:
-    """Distance of a point from a segment."""
+def _along(p: Point, a: Point, b: Point) -> tuple[float, float, float, float]:
+    """A segment's direction and squared length, and where `p` projects to on it: 0 at `a`, 1 at `b`."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     length_squared = dx * dx + dy * dy
-    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length_squared
+    return dx, dy, length_squared, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length_squared
+
+
+def _to_segment(p: Point, a: Point, b: Point) -> float:
+    """Distance of a point from a segment."""
+    dx, dy, length_squared, along = _along(p, a, b)
     if along <= 0.0:
         return _distance(p, a)
     if along >= 1.0:
@@ -68,8 +73,7 @@ def _to_segment(p: Point, a: Point, b: Point) -> float:
 
 def _projected(p: Point, a: Point, b: Point) -> Point:
     """The point of a segment nearest to `p`."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy)
+    dx, dy, _, along = _along(p, a, b)
     if 0.0 < along < 1.0:
         return a[0] + along * dx, a[1] + along * dy
     return a if _distance(a, p) < _distance(b, p) else b

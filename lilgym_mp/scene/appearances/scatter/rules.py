@@ -16,8 +16,6 @@ from lilgym_mp.scene import (
     BOX_PITCH,
     BOX_SIDE,
     FOOTPRINTS,
-    IMAGE_HEIGHT,
-    IMAGE_WIDTH,
     SIZE_PIXELS,
     Box,
     Colour,
@@ -30,7 +28,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.scene.actions import Action, ActionError, AddItem, RemoveItem, Stop
 from lilgym_mp.scene.appearances.base import LAST_CORNER, Edit, Grid, InvalidReason, PlacementRules, slot_value
-from lilgym_mp.scene.appearances.grids import RELEASED_GRID, checked_grid
+from lilgym_mp.scene.appearances.grids import RELEASED_GRID, cell_size, checked_grid
 from lilgym_mp.scene.appearances.scatter import geometry
 from lilgym_mp.scene.appearances.scatter.actions import (
     ITEM_TYPE_INDICES,
@@ -67,12 +65,12 @@ class Scatter:
     _table: Sequence[Action] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        columns, rows = checked_grid(self.grid)
-        width = IMAGE_WIDTH // columns
+        columns, rows = grid = checked_grid(self.grid)
+        width, height = cell_size(grid)
         places = (divmod(column * width, BOX_PITCH) for column in range(columns))
         by_column = tuple((box, x) if x < BOX_SIDE else None for box, x in places)
-        object.__setattr__(self, "grid", (columns, rows))
-        object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
+        object.__setattr__(self, "grid", grid)
+        object.__setattr__(self, "cell", (width, height))
         object.__setattr__(self, "is_native", self.cell == (1, 1))
         object.__setattr__(self, "_columns", by_column)
         object.__setattr__(self, "cell_count", columns * rows)

@@ -89,8 +89,7 @@ class Tower:
                 boxes.append(geometry.shared_box(box))
             except SceneError as fault:
                 raise SceneError(f"box {index}: {fault}") from None
-        left, middle, right = boxes
-        return Scene((left, middle, right))
+        return Scene.of_boxes(boxes)
 
 
 def make_tower(grid: Grid) -> Tower:
