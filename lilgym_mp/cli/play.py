@@ -152,8 +152,8 @@ class Session:
             print("Type next, back or quit.")
 
     def _hint(self) -> None:
+        from lilgym_mp.scene.appearances import UnsupportedAppearance
         from lilgym_mp.solver import Expert
-        from lilgym_mp.solver.solver import UnsupportedAppearance
 
         if self._episode_over:
             raise ActionError("this episode is over; type next or back")

@@ -18,8 +18,8 @@ from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import UnsupportedAppearance
 from lilgym_mp.solver import Solver
-from lilgym_mp.solver.solver import UnsupportedAppearance
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
 

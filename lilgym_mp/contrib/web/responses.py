@@ -25,7 +25,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.solver.solver import UnsupportedAppearance
+from lilgym_mp.scene.appearances import UnsupportedAppearance
 
 ASSETS = Path(__file__).parent / "assets"
 LOGGER = logging.getLogger(__name__)
