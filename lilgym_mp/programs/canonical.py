@@ -37,12 +37,8 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
 }
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
 _MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
-_FILTERS = {f"filter_{name}": kind for name, kind in _MEMBER_TYPES.items()}
-_QUERIES = {f"query_{name}": f"all_same_{name}" for name in _MEMBER_TYPES}
-_COMPARISONS = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">", "equal_int": "=="}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
-_CONNECTIVES = {"AND": "and", "OR": "or"}
 MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is written twice when the chain is split
 _COLLECTION_TYPES = ("collection", "collection of items", "item or collection of items")
 
@@ -122,18 +118,17 @@ def _simplify(node: syntax.Node, scope: Scope) -> syntax.Node:
 
 
 def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
-    name = node.word.name
+    word = node.word
+    name = word.name
     arguments = _without_defaults(node)
-    if name in _CONNECTIVES or name == "NOT":
-        return _as_python_operator(name, arguments, scope) or node
-    if name in _COMPARISONS and _all_have_type(arguments, INT, scope):
-        return syntax.Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
-    if (
-        name in _FILTERS
-        and isinstance(arguments[1], syntax.Constant)
-        and isinstance(arguments[1].value, _FILTERS[name])
-    ):
-        return _filter_by_attribute(_required(arguments[0]), arguments[1].value, scope)
+    if word.group == "logic" and word.operator:
+        return _as_python_operator(word.operator, arguments, scope) or node
+    if word.operator and _all_have_type(arguments, INT, scope):
+        return syntax.Comparison(_required(arguments[0]), (word.operator,), (_required(arguments[1]),))
+    if word.form == "filter_{}":
+        value = arguments[1]
+        if isinstance(value, syntax.Constant) and isinstance(value.value, _MEMBER_TYPES[word.attribute]):
+            return _filter_by_attribute(_required(arguments[0]), value.value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
     elif name == "Any" and _is_infallible_test(node, scope):  # otherwise an item after the first success might fail
@@ -144,10 +139,10 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
             arguments = (collected,)
     elif name == "len" and _is_plain_selection(_required(arguments[0]), scope):
         return _call("count", arguments[0])
-    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.name in _QUERIES:
+    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.form == "query_{}":
         queried = _required(arguments[0].arguments[0])
         if type_of(queried, scope) in (ITEMS, BOX):
-            return _call(_QUERIES[arguments[0].word.name], queried)
+            return _call(f"all_same_{arguments[0].word.attribute}", queried)
     simpler = (
         _simplify_box_items(parameter, argument, scope)
         for parameter, argument in zip(node.word.parameters, arguments, strict=True)
@@ -174,12 +169,12 @@ def _simplify_box_items(parameter: Parameter, argument: syntax.Node | None, scop
             return argument
 
 
-def _as_python_operator(name: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
+def _as_python_operator(operator: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
     """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not fail."""
     operands = tuple(map(_required, arguments))
     if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
         return None
-    return syntax.Not(operands[0]) if name == "NOT" else syntax.Logic(_CONNECTIVES[name], operands)
+    return syntax.Not(operands[0]) if operator == "not" else syntax.Logic(operator, operands)
 
 
 def _filter_by_attribute(collection: syntax.Node, value: object, scope: Scope) -> syntax.Node:
