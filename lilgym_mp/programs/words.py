@@ -352,8 +352,8 @@ def word(
 
     The other arguments are fields of `Word`.
 
-    Raises WordError for an unknown group, dependency or `fails_on`, a name already taken, a parameter that is variadic or not
-    annotated with one of the parameter types above, and a function without a docstring or return annotation.
+    Raises WordError for an unknown group, dependency or `fails_on`, a name already taken, a parameter that is variadic
+    or not annotated with one of the parameter types above, and a function without a docstring or return annotation.
     """
     declared = {
         "group": (group, GROUPS),
