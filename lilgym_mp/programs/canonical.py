@@ -27,7 +27,7 @@ from lilgym_mp.programs.static_types import (
     may_fail,
     type_of,
 )
-from lilgym_mp.programs.values import Color, Shape, Size
+from lilgym_mp.programs.values import ATTRIBUTE_TYPES, Color, Shape, Size
 from lilgym_mp.programs.words import WORDS, Parameter
 from lilgym_mp.scene import BOX_COUNT
 
@@ -36,7 +36,6 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
     member: f"is_{member.name.lower()}" for kind in (Color, Size, Shape) for member in kind
 }
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
-_MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
 MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is written twice when the chain is split
@@ -127,7 +126,7 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
         return syntax.Comparison(_required(arguments[0]), (word.operator,), (_required(arguments[1]),))
     if word.form == "filter_{}":
         value = arguments[1]
-        if isinstance(value, syntax.Constant) and isinstance(value.value, _MEMBER_TYPES[word.attribute]):
+        if isinstance(value, syntax.Constant) and isinstance(value.value, ATTRIBUTE_TYPES[word.attribute]):
             return _filter_by_attribute(_required(arguments[0]), value.value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
@@ -317,7 +316,7 @@ def _attribute_test_of(member: syntax.Node, value: object, scope: Scope) -> synt
     """The test whether a member is this value, if it is an item's colour, shape or size, which it could be."""
     match member:
         case syntax.Member(of=item, name=name) if (
-            type(value) is _MEMBER_TYPES.get(name) and type_of(item, scope) == ITEM
+            type(value) is ATTRIBUTE_TYPES.get(name) and type_of(item, scope) == ITEM
         ):
             return _attribute_test(value, item)
         case _:
