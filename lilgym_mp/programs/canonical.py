@@ -27,7 +27,7 @@ from lilgym_mp.programs.static_types import (
     may_fail,
     type_of,
 )
-from lilgym_mp.programs.values import Color, Shape, Size
+from lilgym_mp.programs.values import ATTRIBUTE_TYPES, Color, Shape, Size
 from lilgym_mp.programs.words import WORDS, Parameter
 from lilgym_mp.scene import BOX_COUNT
 
@@ -36,13 +36,8 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
     member: f"is_{member.name.lower()}" for kind in (Color, Size, Shape) for member in kind
 }
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
-_MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
-_FILTERS = {f"filter_{name}": kind for name, kind in _MEMBER_TYPES.items()}
-_QUERIES = {f"query_{name}": f"all_same_{name}" for name in _MEMBER_TYPES}
-_COMPARISONS = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">", "equal_int": "=="}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
-_CONNECTIVES = {"AND": "and", "OR": "or"}
 MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is written twice when the chain is split
 _COLLECTION_TYPES = ("collection", "collection of items", "item or collection of items")
 
@@ -122,18 +117,17 @@ def _simplify(node: syntax.Node, scope: Scope) -> syntax.Node:
 
 
 def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
-    name = node.word.name
+    word = node.word
+    name = word.name
     arguments = _without_defaults(node)
-    if name in _CONNECTIVES or name == "NOT":
-        return _as_python_operator(name, arguments, scope) or node
-    if name in _COMPARISONS and _all_have_type(arguments, INT, scope):
-        return syntax.Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
-    if (
-        name in _FILTERS
-        and isinstance(arguments[1], syntax.Constant)
-        and isinstance(arguments[1].value, _FILTERS[name])
-    ):
-        return _filter_by_attribute(_required(arguments[0]), arguments[1].value, scope)
+    if word.group == "logic" and word.operator:
+        return _as_python_operator(word.operator, arguments, scope) or node
+    if word.operator and _all_have_type(arguments, INT, scope):
+        return syntax.Comparison(_required(arguments[0]), (word.operator,), (_required(arguments[1]),))
+    if word.form == "filter_{}":
+        value = arguments[1]
+        if isinstance(value, syntax.Constant) and isinstance(value.value, ATTRIBUTE_TYPES[word.attribute]):
+            return _filter_by_attribute(_required(arguments[0]), value.value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
     elif name == "Any" and _is_infallible_test(node, scope):  # otherwise an item after the first success might fail
@@ -144,10 +138,10 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
             arguments = (collected,)
     elif name == "len" and _is_plain_selection(_required(arguments[0]), scope):
         return _call("count", arguments[0])
-    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.name in _QUERIES:
+    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.form == "query_{}":
         queried = _required(arguments[0].arguments[0])
         if type_of(queried, scope) in (ITEMS, BOX):
-            return _call(_QUERIES[arguments[0].word.name], queried)
+            return _call(f"all_same_{arguments[0].word.attribute}", queried)
     simpler = (
         _simplify_box_items(parameter, argument, scope)
         for parameter, argument in zip(node.word.parameters, arguments, strict=True)
@@ -174,12 +168,12 @@ def _simplify_box_items(parameter: Parameter, argument: syntax.Node | None, scop
             return argument
 
 
-def _as_python_operator(name: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
+def _as_python_operator(operator: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
     """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not fail."""
     operands = tuple(map(_required, arguments))
     if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
         return None
-    return syntax.Not(operands[0]) if name == "NOT" else syntax.Logic(_CONNECTIVES[name], operands)
+    return syntax.Not(operands[0]) if operator == "not" else syntax.Logic(operator, operands)
 
 
 def _filter_by_attribute(collection: syntax.Node, value: object, scope: Scope) -> syntax.Node:
@@ -322,7 +316,7 @@ def _attribute_test_of(member: syntax.Node, value: object, scope: Scope) -> synt
     """The test whether a member is this value, if it is an item's colour, shape or size, which it could be."""
     match member:
         case syntax.Member(of=item, name=name) if (
-            type(value) is _MEMBER_TYPES.get(name) and type_of(item, scope) == ITEM
+            type(value) is ATTRIBUTE_TYPES.get(name) and type_of(item, scope) == ITEM
         ):
             return _attribute_test(value, item)
         case _:

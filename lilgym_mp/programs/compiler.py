@@ -93,11 +93,7 @@ class Program:
         return _always_fall_back if self._evaluations <= REFERENCE_EVALUATIONS else self._generate()
 
     def _generate(self) -> Truth:
-        try:
-            self._generated = _GENERATORS[-1](self.tree) if _GENERATORS else None
-        except ImportError as fault:  # a warning is shown once
-            warnings.warn(f"programs are evaluated slowly, by the reference evaluator: {fault}", RuntimeWarning)  # noqa: B028
-        self._generated = self._generated or _always_fall_back
+        self._generated = generated_truth(self.tree)
         return self._generated
 
     def _reference_truth(self, scene: Scene) -> bool:
@@ -112,6 +108,16 @@ class Program:
 
     def __repr__(self) -> str:
         return f"Program({self.source!r})"
+
+
+def generated_truth(tree: Node) -> Truth:
+    """The generated code of a program, which raises FallbackError where the reference evaluator must be used."""
+    generated = None
+    try:
+        generated = _GENERATORS[-1](tree) if _GENERATORS else None
+    except ImportError as fault:  # a warning is shown once
+        warnings.warn(f"programs are evaluated slowly, by the reference evaluator: {fault}", RuntimeWarning)  # noqa: B028
+    return generated or _always_fall_back
 
 
 def compile_program(source: str) -> Program:

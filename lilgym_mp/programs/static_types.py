@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
+from functools import cache
 
 from lilgym_mp.programs import syntax
-from lilgym_mp.programs.words import Word
+from lilgym_mp.programs.words import Parameter, Word
 from lilgym_mp.scene import BOX_COUNT
 
 
@@ -30,9 +30,8 @@ BOXES = Many(BOX)
 Scope = Mapping[str, Type]  # by variable
 
 _MEMBERS: Mapping[str, Type] = {"box": BOX, "color": "Color", "shape": "Shape", "size": "Size"}
+_COLLECTIONS = ("collection", "collection of collections")  # parameters whose elements a word may return
 _METHODS: Mapping[str, Type] = {"is_tower": BOOL, "all_items_in_box": ITEMS}
-_HASHING_WORDS = ("set", "union", "intersect", "contained", "equal_set", "union_all", "intersect_all")
-_FALLIBLE_WORDS = ("unique", "min", "select", "combinations")
 
 
 def type_of(node: syntax.Node, scope: Scope) -> Type:
@@ -70,24 +69,38 @@ def element_of(collection: Type) -> Type:
     return ITEM if collection == BOX else UNKNOWN
 
 
-def may_fail(node: syntax.Node, scope: Scope) -> bool:
-    """Whether evaluating the node might raise an error on some scene."""
+def is_well_typed(tree: syntax.Node) -> bool:
+    """Whether a program is of type bool, and its words and operators have operands of types that they accept."""
+    return type_of(tree, {}) == BOOL and not may_fail(tree, {}, by_type=True)
+
+
+def may_fail(node: syntax.Node, scope: Scope, *, by_type: bool = False) -> bool:
+    """Whether evaluating the node might raise an error on some scene.
+
+    With `by_type`, only because of operands' types, which for `==` and `!=` must be equal.
+    """
     match node:
         case syntax.Call(word=word, arguments=arguments):
-            return _call_may_fail(word, arguments, scope)
+            return _call_may_fail(word, arguments, scope, by_type=by_type)
         case syntax.Lambda():
             return False  # until it is called
         case syntax.Subscript(of=syntax.SceneName(name="all_boxes"), index=syntax.Constant(value=int() as index)):
             return type(index) is bool or index >= BOX_COUNT
-        case syntax.Subscript() | syntax.Slice():
+        case syntax.Subscript() | syntax.Slice() if not by_type:
             return True
-        case _ if any(may_fail(child, scope) for child in syntax.children(node)):
+        case _ if any(may_fail(child, scope, by_type=by_type) for child in syntax.children(node)):
             return True
+        case syntax.Subscript(of=of) | syntax.Slice(of=of):
+            return not _accepts("collection", type_of(of, scope))
         case syntax.Member(of=of, name=name):
             return type_of(of, scope) != (BOX if name in _METHODS else ITEM)
         case syntax.Comparison(left=left, operators=operators, rights=rights):
             types = [type_of(part, scope) for part in (left, *rights)]
+            if by_type and {*operators} & {"==", "!="} and len({*types}) > 1 and not {*types} <= {INT, BOOL}:
+                return True
             return any(map(_comparison_may_fail, operators, types[:-1], types[1:]))
+        case syntax.Arithmetic() if by_type:
+            return type_of(node, scope) == UNKNOWN
         case syntax.Arithmetic(operator=operator, left=left, right=right):
             ints = type_of(left, scope) == type_of(right, scope) == INT
             return not ints or (operator == "%" and (not isinstance(right, syntax.Constant) or right.value == 0))
@@ -97,10 +110,27 @@ def may_fail(node: syntax.Node, scope: Scope) -> bool:
             return False
 
 
-def function_may_fail(function: syntax.Node, element: Type, scope: Scope) -> bool:
+def function_may_fail(function: syntax.Node, element: Type, scope: Scope, *, by_type: bool = False) -> bool:
     """Whether calling a lambda or word with a value of type `element` might raise an error."""
     called = syntax.as_lambda(function, "")
-    return called is None or may_fail(called.body, {**scope, called.parameter: element})
+    return called is None or may_fail(called.body, {**scope, called.parameter: element}, by_type=by_type)
+
+
+def _suits(word: Word, function: syntax.Node, element: Type, scope: Scope) -> bool:
+    """Whether a word has a use for what a function returns for values of type `element`."""
+    called = syntax.as_lambda(function, "")
+    if called is None:
+        return False
+    inner = {**scope, called.parameter: element}
+    is_strict = word.name in ("All", "Any")  # they want True, not what is truthy
+    return type_of(called.body, inner) == BOOL if is_strict else _has_truth(called.body, inner)
+
+
+def _has_truth(node: syntax.Node, scope: Scope) -> bool:
+    """Whether a condition is true or false by the types of its parts, which may differ."""
+    if isinstance(node, syntax.Logic):
+        return all(_has_truth(operand, scope) for operand in node.operands)
+    return type_of(node, scope) not in ("function", "Side", UNKNOWN)
 
 
 def is_hashable(given: Type) -> bool:
@@ -119,48 +149,46 @@ def _argument_type(argument: syntax.Node | None, scope: Scope) -> Type:
 
 
 def _result_type(word: Word, arguments: Sequence[Type]) -> Type:
-    elements = [element_of(argument) for argument in arguments]
-    match word.name:
-        case "filter_obj" | "set":
-            return Many(elements[0])
-        case "union" | "intersect":
-            return Many(_common(elements))
-        case "union_all" | "intersect_all":
-            return Many(element_of(elements[0]))
-        case "unique" | "min":
-            return elements[0]
-        case "combinations":
-            return Many(Many(elements[0]))
-        case "select":
-            return Many(Many(elements[1]))
-        case _:
-            return _declared(word.result)
+    """The type that the word's signature states. A value in a result of this package's words is an element of their
+    collections."""
+    pairs = zip(word.parameters, arguments, strict=True)
+    elements = [_elements(parameter, given) for parameter, given in pairs if parameter.type.name in _COLLECTIONS]
+    return _declared(word.result, UNKNOWN if word.is_extension else _common(elements))
+
+
+def _elements(parameter: Parameter, given: Type) -> Type:
+    """The type of the elements of what is given for a collection, or a collection of collections."""
+    element = element_of(given)
+    return element_of(element) if parameter.type.name == "collection of collections" else element
 
 
 @cache
-def _declared(result: str) -> Type:
-    """The type that a word's signature states."""
-    found = re.fullmatch(r"(?:list|set)\[(.+)\]", result)
-    return Many(_declared(found[1])) if found else result
+def _declared(result: str, value: Type) -> Type:
+    found = re.fullmatch(r"(?:list|set|tuple)\[(.+?)(?:, \.\.\.)?\]", result)
+    if found:
+        return Many(_declared(found[1], value))
+    return value if result == UNKNOWN else result
 
 
-def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: Scope) -> bool:
+def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: Scope, *, by_type: bool) -> bool:
     required = [parameter for parameter in word.parameters if not parameter.optional]
-    if word.is_extension or word.name in _FALLIBLE_WORDS or None in arguments[: len(required)]:
+    if None in arguments[: len(required)] or (not by_type and (word.is_extension or word.fails_on == "some values")):
         return True
     types = [_argument_type(argument, scope) for argument in arguments]
     for parameter, argument, given in zip(word.parameters, arguments, types, strict=True):
         if argument is None:
             continue
         if parameter.type.name == "function":
-            if function_may_fail(argument, element_of(types[0]), scope):
+            element = element_of(types[0])
+            if function_may_fail(argument, element, scope, by_type=by_type):
                 return True
-        elif may_fail(argument, scope) or not _accepts(parameter.type.name, given):
+            if by_type and not _suits(word, argument, element, scope):
+                return True
+        elif may_fail(argument, scope, by_type=by_type) or not _accepts(parameter.type.name, given):
             return True
-    depth = 2 if word.name in ("union_all", "intersect_all") else 1
-    return word.name in _HASHING_WORDS and not all(
-        argument is None or is_hashable(reduce(lambda of, _: element_of(of), range(depth), given))
-        for argument, given in zip(arguments, types, strict=True)
+    return word.fails_on == "unhashable elements" and not all(
+        argument is None or is_hashable(_elements(parameter, given))
+        for parameter, argument, given in zip(word.parameters, arguments, types, strict=True)
     )
 
 

@@ -42,6 +42,7 @@ class Side(Enum):
     ANY = 4
 
 
+ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
 ENUMS: dict[str, type[Enum]] = {"Color": Color, "Shape": Shape, "Size": Size, "Side": Side}
 _COLORS = tuple(Color)
 _SHAPES = tuple(Shape)

@@ -23,6 +23,7 @@ from lilgym_mp.scene.choices import article, load_extensions
 Function = TypeVar("Function", bound=Callable[..., Any])
 Argument = TypeVar("Argument")
 Dependency = Literal["attributes", "position", "item", "box", "scene"]
+Failure = Literal["never", "unhashable elements", "some values"]
 GROUPS = (
     "sets",
     "item tests",
@@ -222,12 +223,16 @@ class ResultSize(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Word:
-    """A word of the language; calling it coerces the arguments first.
+    """A word of the language, with all that is known about it; calling it coerces the arguments first.
 
     `depends_on`: what the value for an item depends on: its attributes (colour, shape, size), its position (and
     size), both ("item"), its box, or the whole scene.
     `steps_per_element`: evaluation cost per element of the arguments.
     `result_size`: computes the size of a result that can be larger than the arguments, else None.
+    `fails_on`: on which arguments of the parameters' types it raises an error.
+    `operator`: the operator of Python with the same values, if there is one.
+    `attribute`: "color", "shape" or "size" if the word has a form for each of them, such as `query_color`.
+    `reads_order`: whether the value may depend on the order of items.
     """
 
     name: str
@@ -238,6 +243,20 @@ class Word:
     depends_on: Dependency
     steps_per_element: int
     result_size: Callable[..., ResultSize] | None
+    fails_on: Failure
+    operator: str
+    attribute: str
+    reads_order: bool
+
+    @property
+    def form(self) -> str:
+        """The name, with {} instead of the attribute."""
+        return self.name.replace(self.attribute, "{}") if self.attribute else self.name
+
+    @property
+    def may_read_positions(self) -> bool:
+        """Whether the value may depend on where items are."""
+        return self.is_extension or self.group in ("item tests", "walls", "two items", "related items")
 
     @property
     def depends_on_item_only(self) -> bool:
@@ -323,14 +342,25 @@ def word(
     name: str | None = None,
     steps_per_element: int = 2,
     result_size: Callable[..., ResultSize] | None = None,
+    fails_on: Failure = "never",
+    operator: str = "",
+    attribute: str = "",
+    reads_order: bool = False,
 ) -> Callable[[Function], Function]:
     """Registers the decorated function as a word; `name` overrides the function's name where that would shadow a
     Python built-in.
 
-    Raises WordError for an unknown group or dependency, a name already taken, a parameter that is variadic or not
-    annotated with one of the parameter types above, and a function without a docstring or return annotation.
+    The other arguments are fields of `Word`.
+
+    Raises WordError for an unknown group, dependency or `fails_on`, a name already taken, a parameter that is variadic
+    or not annotated with one of the parameter types above, and a function without a docstring or return annotation.
     """
-    for option, value, choices in (("group", group, GROUPS), ("depends_on", depends_on, get_args(Dependency))):
+    declared = {
+        "group": (group, GROUPS),
+        "depends_on": (depends_on, get_args(Dependency)),
+        "fails_on": (fails_on, get_args(Failure)),
+    }
+    for option, (value, choices) in declared.items():
         if value not in choices:
             raise WordError(f"unknown {option} {value!r}; choose from {', '.join(choices)}")
 
@@ -352,9 +382,20 @@ def word(
             )
             for parameter in inspect.signature(function).parameters.values()
         )
-        result = _result_name(hints["return"])
-        positional = _positional_only(function, parameters)
-        WORDS[called] = Word(called, positional, group, parameters, result, depends_on, steps_per_element, result_size)
+        WORDS[called] = Word(
+            name=called,
+            function=_positional_only(function, parameters),
+            group=group,
+            parameters=parameters,
+            result=_result_name(hints["return"]),
+            depends_on=depends_on,
+            steps_per_element=steps_per_element,
+            result_size=result_size,
+            fails_on=fails_on,
+            operator=operator,
+            attribute=attribute,
+            reads_order=reads_order,
+        )
         return function
 
     return declare

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from functools import lru_cache
 
-from lilgym_mp.envs.fast.code_generation import generate_function
 from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
+from lilgym_mp.programs.compiler import generated_truth
 from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.words import WORDS
@@ -151,14 +151,13 @@ def _count_query(count: syntax.Node) -> Query:
 
 
 def _value_query(tree: syntax.Node) -> Query:
-    fast = generate_function(tree)
+    fast = generated_truth(tree)
     reference = build_closure(tree)
 
     def query(box: Box) -> Hashable:
         scene = Scene((box, EMPTY_BOX, EMPTY_BOX))
         try:
-            if fast is not None:
-                return fast(scene)
+            return fast(scene)
         except FallbackError:
             pass
         try:

@@ -29,7 +29,6 @@ LOGIC: Mapping[str, Callable[[list[BoolArray]], BoolArray]] = {
     "or": np.logical_or.reduce,
     "not": lambda values: ~values[0],
 }
-NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # groups of words that never inspect an item
 FEATURE_CACHE_SIZE = 4_096
 
 
@@ -98,21 +97,18 @@ def _features(node: syntax.Node) -> Iterator[_Feature]:
 
 
 def _word_features(word: Word, node: syntax.Call | syntax.WordName) -> Iterator[_Feature]:
-    attribute = next((name for name in ATTRIBUTES if name in word.name), None)
-    if word.group == "attributes" and attribute is not None:
+    if word.reads_order:
+        yield _BoxFeature.ORDER
+    if word.group == "attributes" and word.attribute:
         match node:
             case syntax.Call(arguments=(_, syntax.Constant(value=Enum() as value))) if value in ATTRIBUTE_TESTS:
                 yield _predicate_feature(syntax.call(WORDS[ATTRIBUTE_TESTS[value]], syntax.Variable("x")))
             case _:
-                yield _attribute_feature(attribute)
-        if word.name.startswith("query"):
-            yield _BoxFeature.ORDER
+                yield _attribute_feature(word.attribute)
     elif isinstance(node, syntax.Call) and _is_item_test(word) and _has_constant_sides(node):
         yield _predicate_feature(syntax.Call(word, (syntax.Variable("x"), *node.arguments[1:])))
-    elif word.is_extension or (word.group != "attributes" and word.group not in NEUTRAL_GROUPS):
+    elif word.may_read_positions:
         yield word
-    if word.name == "min":
-        yield _BoxFeature.ORDER
 
 
 def _is_number(node: syntax.Node) -> bool:
@@ -141,7 +137,7 @@ def _tested_variables(node: syntax.Node) -> Iterator[str | None]:
     match node:
         case syntax.Call(word=word, arguments=(syntax.Variable(name=name), *_)) if _is_item_test(word):
             yield name if _has_constant_sides(node) else None
-        case syntax.Logic() | syntax.Not() | syntax.Call(word=Word(name="AND" | "OR" | "NOT")):
+        case syntax.Logic() | syntax.Not() | syntax.Call(word=Word(operator="and" | "or" | "not")):
             for child in syntax.children(node):
                 yield from _tested_variables(child)
         case _:
@@ -180,8 +176,8 @@ def _predicate_values(predicate: syntax.Node) -> BoolArray:
     match predicate:
         case syntax.Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
             return _item_test_values(word, tuple(map(_side, sides)))
-        case syntax.Logic(operator=name) | syntax.Call(word=Word(name=name)):
-            operator = name.lower()
+        case syntax.Logic(operator=operator) | syntax.Call(word=Word(operator=operator)):
+            pass
         case _:
             operator = "not"
     return LOGIC[operator](list(map(_predicate_values, syntax.children(predicate))))

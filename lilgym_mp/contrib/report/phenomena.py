@@ -37,10 +37,9 @@ from lilgym_mp.programs.syntax import (
 from lilgym_mp.scene import BOX_COUNT
 
 CACHE_SIZE = 8_192  # cached programs and statements
-_OPERATOR_OF_WORD = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">"}  # all other comparison words mean ==
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _FILTERS = ("filter_obj", "filter_color", "filter_shape", "filter_size")
-_VALUE_SETS = ("get_set_colors", "get_set_shapes", "get_set_sizes", "query_color", "query_shape", "query_size")
+_VALUE_SETS = ("get_set_{}s", "query_{}")  # forms of words
 _SELECTIONS = (*_FILTERS, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVELS = ("is_top", "is_bottom", "is_second", "is_third")
@@ -218,7 +217,7 @@ def _comparisons(tree: Node) -> Iterator[tuple[Node, str, Node]]:
             found = list(zip((node.left, *node.rights), node.operators, node.rights, strict=False))
         elif isinstance(node, Call) and node.word.group == "comparison":
             left, right = _arguments(node)
-            found = [(left, _OPERATOR_OF_WORD.get(node.word.name, "=="), right)]
+            found = [(left, node.word.operator or "==", right)]
         for left, operator, right in found:
             if isinstance(left, Constant) and not isinstance(right, Constant):
                 yield right, _MIRRORED.get(operator, operator), left
@@ -249,7 +248,7 @@ def _is_count(node: Node) -> bool:
 def _counts_values(node: Node) -> bool:
     """Whether the node counts colours, shapes or sizes."""
     counted = _counted_set(node)
-    return isinstance(counted, Call | WordName) and counted.word.name in _VALUE_SETS
+    return isinstance(counted, Call | WordName) and counted.word.form in _VALUE_SETS
 
 
 def _says_none(left: Node, operator: str, right: Node) -> bool:
@@ -304,7 +303,7 @@ def _conjunctions(tree: Node) -> Iterator[list[Node]]:
 
 def _conjuncts(node: Node) -> Iterator[Node]:
     """The operands of an `and`, with nested `and`s flattened; the node itself if it is not an `and`."""
-    if (isinstance(node, Logic) and node.operator == "and") or (isinstance(node, Call) and node.word.name == "AND"):
+    if (isinstance(node, Logic) and node.operator == "and") or (isinstance(node, Call) and node.word.operator == "and"):
         for operand in children(node):
             yield from _conjuncts(operand)
     else:

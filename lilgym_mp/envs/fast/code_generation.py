@@ -18,7 +18,7 @@ from enum import Enum
 from typing import NamedTuple, cast
 
 from lilgym_mp.envs.fast import box_functions, ir, printing
-from lilgym_mp.envs.fast.word_lowering import BINARY_WORDS, VALUE_WORDS
+from lilgym_mp.envs.fast.word_lowering import lowering_of
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.syntax import (
     Arithmetic,
@@ -264,13 +264,13 @@ class Generator:
             return self.test(node, scope)
         if len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box":
             return self.relation(node, scope)
-        if word.name in BINARY_WORDS:
+        if word.operator:
             return self.binary(node, scope)
         if word.name == "all_same_attribute":
             return self.all_same_attribute(node, scope)
         if word.name in ("filter_obj", "All", "Any"):
             return self.quantifier(node, scope)
-        lower_word = self.combinations if word.name == "combinations" else VALUE_WORDS.get(word.name)
+        lower_word = self.combinations if word.name == "combinations" else lowering_of(word)
         if lower_word is None or None in node.arguments:
             ir.unsupported(word.name)
         values = [ir.as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
@@ -313,7 +313,8 @@ class Generator:
         """AND, OR, NOT and the comparisons of numbers."""
         values = [self.lower(argument, scope) for argument in node.arguments if argument is not None]
         self.charge_call(node.word, *values)
-        operand_type, operator = BINARY_WORDS[node.word.name]
+        operand_type = ir.Bool if node.word.group == "logic" else ir.Int
+        operator = node.word.operator
         if not all(isinstance(value, operand_type) for value in values):
             ir.unsupported("operand of the wrong type")
         if operator == "not":
@@ -504,7 +505,7 @@ class Generator:
                 masks = [mask for mask in itertools.takewhile(bool, map(mask_of, operands)) if mask]
                 rest = operands[len(masks) :]
                 return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
-            case Call(word=Word(name="AND"), arguments=(first, second)) if first and second:
+            case Call(word=Word(operator="and"), arguments=(first, second)) if first and second:
                 for tested, rest in ((first, second), (second, first)):
                     mask = mask_of(tested)
                     if mask is not None and self.condition(rest, bound, strict=True).total:
@@ -519,11 +520,11 @@ class Generator:
         match node:
             case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and word.is_item_test:
                 return ir.ItemMask(self.test_mask(node, item.box))
-            case Not(operand=operand) | Call(word=Word(name="NOT"), arguments=(operand,)) if operand is not None:
+            case Not(operand=operand) | Call(word=Word(operator="not"), arguments=(operand,)) if operand is not None:
                 inner = self.item_mask(parameter, operand, item, bound)
                 return inner and ir.ItemMask(ir.operate("~", inner.code), in_range=False, total=inner.total)
-            case Logic(operator=operator) | Call(word=Word(name="AND" | "OR" as operator)):
-                return self.combined_mask(parameter, operator.lower(), children(node), item, bound)
+            case Logic(operator=operator) | Call(word=Word(operator="and" | "or" as operator)):
+                return self.combined_mask(parameter, operator, children(node), item, bound)
             case _:
                 return self.constant_mask(node, item, bound)
 

@@ -15,14 +15,13 @@ from typing import Any, NoReturn, cast
 
 from lilgym_mp.envs.fast import box_functions
 from lilgym_mp.programs import costs
-from lilgym_mp.programs.values import Color, Shape, Size
+from lilgym_mp.programs.values import ATTRIBUTE_TYPES
 from lilgym_mp.scene import BOX_COUNT, Box, Item
 
 MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # most items of a scene that generated code accepts
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
 LOCAL_BOX = "b"  # the parameter of a kernel
 MAX_SIZE = 4_000  # nodes of a tree
-ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
 ITEM_FIELDS = dict(zip(ATTRIBUTE_TYPES, map(Item._fields.index, ("colour", "shape", "size")), strict=True))
 
 

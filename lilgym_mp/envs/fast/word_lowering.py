@@ -10,7 +10,7 @@ from enum import Enum
 from functools import partial
 
 from lilgym_mp.envs.fast import box_functions, ir
-from lilgym_mp.programs.words import WORDS
+from lilgym_mp.programs.words import WORDS, Word
 
 
 def _lower_exist(s: ir.Value) -> ir.Bool:
@@ -140,17 +140,7 @@ def _lower_equal_attribute(attribute: str, a: ir.Value, b: ir.Value) -> ir.Bool:
     return ir.equality(a, b)
 
 
-BINARY_WORDS: Mapping[str, tuple[type, str]] = {
-    "AND": (ir.Bool, "and"),
-    "OR": (ir.Bool, "or"),
-    "NOT": (ir.Bool, "not"),
-    "le": (ir.Int, "<="),
-    "ge": (ir.Int, ">="),
-    "lt": (ir.Int, "<"),
-    "gt": (ir.Int, ">"),
-    "equal_int": (ir.Int, "=="),
-}
-VALUE_WORDS: Mapping[str, Callable[..., ir.Value]] = {
+_LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
     "exist": _lower_exist,
     "count": _lower_count,
     "len": _lower_len,
@@ -161,15 +151,15 @@ VALUE_WORDS: Mapping[str, Callable[..., ir.Value]] = {
     "contained": _lower_contained,
     "equal_set": _lower_equal_set,
     "member_of": ir.membership,
-    **{
-        pattern.format(attribute): partial(lower, attribute)
-        for attribute in ir.ATTRIBUTE_TYPES
-        for pattern, lower in {
-            "query_{}": _lower_query,
-            "get_set_{}s": _lower_values,
-            "filter_{}": _lower_filter,
-            "all_same_{}": _lower_all_same,
-            "equal_{}": _lower_equal_attribute,
-        }.items()
-    },
+    "query_{}": _lower_query,
+    "get_set_{}s": _lower_values,
+    "filter_{}": _lower_filter,
+    "all_same_{}": _lower_all_same,
+    "equal_{}": _lower_equal_attribute,
 }
+
+
+def lowering_of(word: Word) -> Callable[..., ir.Value] | None:
+    """What lowers a call of the word, given its arguments; None if nothing does."""
+    lower = _LOWERINGS.get(word.form)
+    return partial(lower, word.attribute) if lower is not None and word.attribute else lower

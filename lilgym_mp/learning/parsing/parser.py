@@ -29,13 +29,14 @@ from lilgym_mp.learning.common.program_pairs import (
 )
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
+from lilgym_mp.programs.static_types import is_well_typed
 from lilgym_mp.scene import Scene
 
 UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
 MAX_CANDIDATES = 12
 PROBE_SCENES = 160  # candidates that agree on all of these count as equivalent
-MIN_ILL_TYPED = 0.1  # fraction of the beam's probability below which ill-typed programs, slow to evaluate, are dropped
+MIN_ILL_TYPED = 0.1  # fraction of the beam's probability below which ill-typed programs are dropped
 MAX_CACHED_STATEMENTS = 4096
 UNKNOWN_FACTOR = 1 / 3  # on the candidates' probabilities for each unknown word; docs/agents.md, "Invalid input"
 
@@ -200,7 +201,7 @@ class Parser:
                 program = program_of([self.tokens.symbol(token) for token in candidate.tokens], normalised.exchange)
             except (PrefixError, ProgramError):
                 continue
-            well_typed = compile_program(program).has_generated_code
+            well_typed = is_well_typed(compile_program(program).tree)
             if not well_typed and math.exp(candidate.log_probability) < MIN_ILL_TYPED * total:
                 continue
             truth_vector = truths(program, appearance)

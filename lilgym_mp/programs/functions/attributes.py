@@ -9,55 +9,55 @@ from lilgym_mp.programs import words
 from lilgym_mp.programs.values import Color, ItemView, Shape, Size
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="color", reads_order=True)
 def query_color(x: words.ItemOrItemsArg) -> list[Color]:
     """The colour of each item of `x`, in order."""
     return [item.color for item in x]
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="size", reads_order=True)
 def query_size(x: words.ItemOrItemsArg) -> list[Size]:
     """The size of each item of `x`, in order."""
     return [item.size for item in x]
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="shape", reads_order=True)
 def query_shape(x: words.ItemOrItemsArg) -> list[Shape]:
     """The shape of each item of `x`, in order."""
     return [item.shape for item in x]
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="color")
 def get_set_colors(s: words.ItemsArg) -> set[Color]:
     """The colours that occur in `s`."""
     return {x.color for x in s}
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="size")
 def get_set_sizes(s: words.ItemsArg) -> set[Size]:
     """The sizes that occur in `s`."""
     return {x.size for x in s}
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="shape")
 def get_set_shapes(s: words.ItemsArg) -> set[Shape]:
     """The shapes that occur in `s`."""
     return {x.shape for x in s}
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="color")
 def filter_color(s: words.ItemsArg, color: words.ColorArg) -> list[ItemView]:
     """The items of `s` with that colour, in order."""
     return [x for x in s if x.color is color]
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="size")
 def filter_size(s: words.ItemsArg, size: words.SizeArg) -> list[ItemView]:
     """The items of `s` with that size, in order."""
     return [x for x in s if x.size is size]
 
 
-@words.word("attributes")
+@words.word("attributes", attribute="shape")
 def filter_shape(s: words.ItemsArg, shape: words.ShapeArg) -> list[ItemView]:
     """The items of `s` with that shape, in order."""
     return [x for x in s if x.shape is shape]
@@ -76,7 +76,7 @@ def _all_same(attribute: str, spelling: str) -> None:
         return _all_equal(getattr(x, attribute) for x in s)
 
     test.__doc__ = f"Whether all items of `s` have the same {spelling}; false when there are none."
-    words.word("attributes", name=f"all_same_{attribute}")(test)
+    words.word("attributes", attribute=attribute, name=f"all_same_{attribute}")(test)
 
 
 _all_same("color", "colour")

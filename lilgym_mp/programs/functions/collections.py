@@ -45,7 +45,7 @@ def count(s: words.CollectionArg) -> int:
     return len({words.identity_key(x) for x in s})
 
 
-@words.word("sets")
+@words.word("sets", fails_on="some values")
 def unique(s: words.CollectionArg) -> Any:
     """The only element of `s`. An error unless there is exactly one."""
     if count(s) != 1:
@@ -59,37 +59,37 @@ def filter_obj(s: words.CollectionArg, f: words.FunctionArg) -> list[Any]:
     return [x for x in s if f(x)]
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def union(a: words.CollectionArg, b: words.CollectionArg) -> set[Any]:
     """The union of `a` and `b`."""
     return as_set(a) | as_set(b)
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def intersect(a: words.CollectionArg, b: words.CollectionArg) -> set[Any]:
     """The intersection of `a` and `b`."""
     return as_set(a) & as_set(b)
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def union_all(sets: words.CollectionsArg) -> set[Any]:
     """The union of all `sets`; empty when there are none."""
     return as_set([x for part in sets for x in part])
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def intersect_all(sets: words.CollectionsArg) -> set[Any]:
     """The intersection of all `sets`; empty when there are none."""
     return as_set(sets[0]).intersection(*map(as_set, sets[1:])) if sets else set()
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def contained(a: words.CollectionArg, b: words.CollectionArg) -> bool:
     """Whether every element of `a` is in `b`."""
     return as_set(a) <= as_set(b)
 
 
-@words.word("sets")
+@words.word("sets", fails_on="unhashable elements")
 def equal_set(a: words.CollectionArg, b: words.CollectionArg) -> bool:
     """Whether `a` and `b` have the same elements, ignoring order and repetition."""
     return as_set(a) == as_set(b)
@@ -101,19 +101,19 @@ def member_of(x: words.AnyArg, s: words.CollectionArg) -> bool:
     return x in s
 
 
-@words.word("sets", result_size=select_size)
+@words.word("sets", result_size=select_size, fails_on="some values")
 def select(k: words.IntArg, s: words.CollectionArg) -> list[list[Any]]:
     """All sub-lists of `s` with `k` elements, in order."""
     return [list(choice) for choice in itertools.combinations(s, k)] if k >= 0 else []
 
 
-@words.word("sets", result_size=combinations_size)
+@words.word("sets", result_size=combinations_size, fails_on="some values")
 def combinations(s: words.CollectionArg, k: words.IntArg) -> list[tuple[Any, ...]]:
     """All `k`-element combinations of `s` as tuples, in order."""
     return list(itertools.combinations(s, k)) if k >= 0 else []
 
 
-@words.word("built-ins", name="set")
+@words.word("built-ins", name="set", fails_on="unhashable elements")
 def as_set(s: words.CollectionArg = ()) -> set[Any]:  # pyright: ignore[reportArgumentType]
     """The set of the elements of `s`."""
     try:
@@ -128,7 +128,7 @@ def length(s: words.CollectionArg) -> int:
     return len(s)
 
 
-@words.word("built-ins", name="min")
+@words.word("built-ins", name="min", fails_on="some values", reads_order=True)
 def smallest(s: words.CollectionArg, *, key: words.FunctionArg | None = None) -> Any:
     """The first x in `s` with the smallest key(x). An error when `s` is empty."""
     if not s:

@@ -16,7 +16,7 @@ def _comparison(name: str, symbol: str, compare: Callable[[int, int], bool]) -> 
         return compare(a, b)
 
     compared.__doc__ = f"Whether a {symbol} b."
-    words.word("comparison", name=name)(compared)
+    words.word("comparison", operator=symbol, name=name)(compared)
 
 
 _comparison("le", "<=", operator.le)
@@ -25,7 +25,7 @@ _comparison("lt", "<", operator.lt)
 _comparison("gt", ">", operator.gt)
 
 
-@words.word("comparison")
+@words.word("comparison", operator="==")
 def equal_int(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether the numbers `a` and `b` are equal."""
     return a == b
@@ -39,37 +39,37 @@ def equal(a: words.AnyArg, b: words.AnyArg) -> bool:
     return {words.value_key(x) for x in _as_list(a)} == {words.value_key(x) for x in _as_list(b)}
 
 
-@words.word("comparison")
+@words.word("comparison", attribute="color")
 def equal_color(a: words.ColorsArg, b: words.ColorsArg) -> bool:
     """`equal`, restricted to colours and collections of colours."""
     return equal(a, b)
 
 
-@words.word("comparison")
+@words.word("comparison", attribute="size")
 def equal_size(a: words.SizesArg, b: words.SizesArg) -> bool:
     """`equal`, restricted to sizes and collections of sizes."""
     return equal(a, b)
 
 
-@words.word("comparison")
+@words.word("comparison", attribute="shape")
 def equal_shape(a: words.ShapesArg, b: words.ShapesArg) -> bool:
     """`equal`, restricted to shapes and collections of shapes."""
     return equal(a, b)
 
 
-@words.word("logic")
+@words.word("logic", operator="and")
 def AND(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether both are true. Both must be bools, and both are evaluated."""
     return a and b
 
 
-@words.word("logic")
+@words.word("logic", operator="or")
 def OR(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether at least one is true. Both must be bools, and both are evaluated."""
     return a or b
 
 
-@words.word("logic")
+@words.word("logic", operator="not")
 def NOT(a: words.BoolArg) -> bool:
     """Whether `a` is false. It must be a bool."""
     return not a

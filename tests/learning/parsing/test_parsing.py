@@ -54,6 +54,7 @@ from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.perception import read_scene
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import prefix_tokens
+from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -145,26 +146,32 @@ def test_beam__returns_complete_programs_sorted_by_probability():
         assert score == pytest.approx(chosen, abs=1e-4)
 
 
+RIGHT, ODD = "exist(all_items)", "exist(filter_obj(all_items, lambda x: exist(x)))"
+CONSTANT = "(all_items == all_items) == all_items"
+PAIRS = "exist(filter_obj(combinations(filter_obj(all_boxes, lambda b: b), 2), lambda p: count(p[0]) == count(p[1])))"
+
+
+@pytest.mark.parametrize(
+    ("shares", "kept"),
+    [
+        ({RIGHT: 0.5, ODD: 0.45, CONSTANT: 0.05}, {RIGHT, ODD}),
+        ({RIGHT: 0.9, ODD: 0.05, CONSTANT: 0.05}, {RIGHT}),
+        ({RIGHT: 0.2, ODD: 0.2, CONSTANT: 0.6}, {RIGHT, ODD}),
+        ({RIGHT: 0.96, PAIRS: 0.04}, {RIGHT, PAIRS}),  # well typed, but without generated code
+    ],
+)
 def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(
-    monkeypatch: pytest.MonkeyPatch,
+    shares: dict[str, float], kept: set[str], monkeypatch: pytest.MonkeyPatch
 ):
-    right, odd = "exist(all_items)", "exist(filter_obj(all_items, lambda x: exist(x)))"
-    constant = "(all_items == all_items) == all_items"
-
-    def programs_of(**shares: float) -> set[str]:
-        found = [
-            Candidate(
-                tuple(TOKENS.index(token) for token in prefix_tokens(canonical_form(parse(source)))), math.log(share)
-            )
-            for source, share in zip((right, odd, constant), shares.values(), strict=True)
-        ]
-        monkeypatch.setattr(parser, "beam_search", lambda *_: found)
-        known = SymbolTable((*sorted(COLOURS), UNKNOWN))
-        return {one.program for one in Parser(small_network(), known).parse("anything", "tower").candidates}
-
-    assert len(programs_of(right=0.5, odd=0.45, constant=0.05)) == 2
-    assert len(programs_of(right=0.9, odd=0.05, constant=0.05)) == 1
-    assert len(programs_of(right=0.2, odd=0.2, constant=0.6)) == 2
+    forms = {source: canonical_form(parse(source)) for source in shares}
+    found = [
+        Candidate(tuple(map(TOKENS.index, prefix_tokens(forms[source]))), math.log(share))
+        for source, share in shares.items()
+    ]
+    monkeypatch.setattr(parser, "beam_search", lambda *_: found)
+    known = SymbolTable((*sorted(COLOURS), UNKNOWN))
+    candidates = Parser(small_network(), known).parse("anything", "tower").candidates
+    assert {one.program for one in candidates} == {source_of(forms[source]) for source in kept}
 
 
 LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
