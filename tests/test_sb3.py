@@ -435,6 +435,20 @@ def test_policy__refuses_scaled_images() -> None:
         LilGymPolicy(space, spaces.Discrete(13), lambda _: 1e-3, **settings.model["policy_kwargs"])
 
 
+def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> None:
+    training = recipe("TowerFlipIt")
+    words = training.model["policy_kwargs"]["words"]
+    others = Vocabulary((*words[1:], "zebra"))
+    env, other = (make_vec_env(TOWER, vocabulary=chosen) for chosen in (Vocabulary(words), others))
+    with pytest.raises(ValueError, match="other words .* make the environment with vocabulary="):
+        LilGymPolicy(other.observation_space, env.action_space, lambda _: 1e-3, **training.model["policy_kwargs"])
+    model = MaskablePPO(env=env, **training.model)
+    model.save(tmp_path / "own.zip")
+    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words  # pyright: ignore
+    with pytest.raises(ValueError, match="Observation spaces do not match"):
+        MaskablePPO.load(tmp_path / "own.zip", env=other)
+
+
 def test_policy__sees_every_change_of_its_weights() -> None:
     settings, env = recipe("TowerFlipIt"), make_vec_env(TOWER, seed=0)
     policies = [

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.envs.observation import EMPTY
+from lilgym_mp.envs.observation import EMPTY, TokenSpace
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import Float32Array, Int64Array
@@ -198,7 +198,7 @@ class Tokens(Format):
         self.arrays = StatementArrays(description.tasks, vocabulary, length, truncate=truncate)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {STATEMENT: spaces.Box(0, len(self.arrays.vocabulary) - 1, (self.arrays.length,), np.int64)}
+        return {STATEMENT: TokenSpace(self.arrays)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         return {STATEMENT: state.by_task(self.arrays.rows, lambda task: self.arrays.row(task.statement))}

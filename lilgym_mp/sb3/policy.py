@@ -37,6 +37,10 @@ SCALED = (
     "LilGymPolicy reads {0!r} in whole numbers, as the environment gives it: leave it out of VecNormalize"
     " (norm_obs=False, or norm_obs_keys without it) and of other scaling"
 )
+OTHER_WORDS = (
+    "LilGymPolicy was given other words than the environment's token ids stand for: make the environment with"
+    " vocabulary=Vocabulary(words), as recipe(...).env does, or the policy with words=env.get_attr('vocabulary')[0].words"
+)
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
 
 
@@ -70,6 +74,8 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         needed = appearance.action_count, len(self.vocabulary)
         if needed != (found := (int(self.action_space.n), 1 + int(self._ids.high.max()))):
             raise ValueError(f"these settings and words have {needed} actions and token ids, the environment {found}")
+        if getattr(self._ids, "vocabulary", self.vocabulary) != self.vocabulary:
+            raise ValueError(OTHER_WORDS)
         self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
         options: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
