@@ -13,6 +13,7 @@ from gymnasium.spaces.utils import flatten_space
 from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.locations import fixed_path
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.envs.observation import EMPTY, TokenSpace
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
@@ -222,7 +223,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
         *,
         truncate: bool = False,
     ) -> None:
-        super().__init__(env, vocabulary=vocabulary, length=length, truncate=truncate)
+        super().__init__(env, vocabulary=fixed_path(vocabulary), length=length, truncate=truncate)
 
     @property
     def vocabulary(self) -> Vocabulary:

@@ -62,8 +62,8 @@ def statement_space(tasks: Iterable[Task]) -> spaces.Text:
 
 
 class TokenSpace(spaces.Box):
-    """The space (length,) int64 of token ids. Spaces of different vocabularies differ, even if their sizes are equal, so
-    that a model is not continued with other words unnoticed."""
+    """Token ids (length,) int64. Spaces of different vocabularies are unequal even if their sizes are equal, so that no
+    model continues with other words unnoticed."""
 
     def __init__(self, arrays: StatementArrays) -> None:
         super().__init__(0, len(arrays.vocabulary) - 1, (arrays.length,), np.int64)

@@ -38,9 +38,10 @@ SCALED = (
     " (norm_obs=False, or norm_obs_keys without it) and of other scaling"
 )
 OTHER_WORDS = (
-    "LilGymPolicy was given other words than the environment's token ids stand for: make the environment with"
-    " vocabulary=Vocabulary(words), as recipe(...).env does, or the policy with words=env.get_attr('vocabulary')[0].words"
+    "LilGymPolicy was given other words than those of the environment's token ids: make the environment with"
+    " vocabulary=Vocabulary(words), as recipe(...).env does, or pass words=env.get_attr('vocabulary')[0].words"
 )
+ELSE = "evaluate other models by lilgym_mp.evaluation.evaluate_wrapped"
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
 
 
@@ -247,7 +248,7 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     """The agent of a model with a `LilGymPolicy`, to evaluate, or to save as a model file. Raises AgentError."""
     policy = model.policy
     if not isinstance(policy, LilGymPolicy):
-        raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}")
+        raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}; {ELSE}")
     recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
     names = (policy.settings.configuration,)
     facts = {"steps": model.num_timesteps}
@@ -260,5 +261,7 @@ def load_agent(path: Path) -> PPOAgent:
     """The agent in a file of `model.save`, which contains pickles: load only what you trust. Raises AgentError."""
     try:
         return agent_of(MaskablePPO.load(path, device="cpu"))
+    except AgentError as error:
+        raise AgentError(f"{path}: {error}") from None
     except Exception as error:
-        raise AgentError(f"{path}: cannot be loaded as a model with a LilGymPolicy: {error}") from error
+        raise AgentError(f"{path}: cannot be loaded as a model with a LilGymPolicy: {error}; {ELSE}") from error
