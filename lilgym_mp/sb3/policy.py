@@ -248,7 +248,9 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     """The agent of a model with a `LilGymPolicy`, to evaluate, or to save as a model file. Raises AgentError."""
     policy = model.policy
     if not isinstance(policy, LilGymPolicy):
-        raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}; {ELSE}")
+        raise AgentError(
+            f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}; {ELSE}"
+        )
     recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
     names = (policy.settings.configuration,)
     facts = {"steps": model.num_timesteps}
