@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
     print(f"{len(attempts) - len(failed)} of {len(attempts)} runs finished")
     if args.split is None:
-        print(f"tables: lilgym-mp report {results} --out {results}-report")
+        print(f"tables: lilgym-mp report {shlex.join([str(results), '--out', f'{results}-report'])}")
     else:
         _write_table(results / f"{args.split}.md", attempts, args.split)
     return 1 if failed else 0
