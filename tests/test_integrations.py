@@ -22,7 +22,7 @@ NEEDS = {  # modules, by the beginning of a script's name
     "skrl": ("skrl",),
     "supersuit": ("supersuit", "stable_baselines3"),
     "tianshou": ("tianshou",),
-    "torchrl": ("torchrl",),
+    "torchrl": ("torchrl", "pettingzoo"),
 }
 TIMEOUT_SECONDS = 600
 QUICK = ("gymnasium_pytorch single", "sb3_models batched --masks")  # the others are long

@@ -31,7 +31,7 @@ def test_own_policy__plays_every_task_once_as_evaluate_does(num_envs: int) -> No
 
 
 def test_own_policy__is_recorded_as_it_played_inside_its_wrappers(tmp_path: Path) -> None:
-    forcing = lambda envs: DictInfoToList(stop_forcing_v0(envs, mode="replace"))  # noqa: E731
+    forcing = lambda envs: DictInfoToList(stop_forcing_v0(envs, "replace", allow_evaluation=True))  # noqa: E731
     result = evaluate_wrapped(last_legal, SETTINGS, wrap=forcing, name="mine", record=tmp_path)
     (file,) = tmp_path.glob("*.jsonl.gz")
     recording = read_episodes(file)
