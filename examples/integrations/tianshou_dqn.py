@@ -13,6 +13,7 @@ from tianshou.algorithm.optim import AdamOptimizerFactory  # pyright: ignore[rep
 from tianshou.data import Batch, Collector, VectorReplayBuffer  # pyright: ignore[reportMissingImports]
 from tianshou.env import DummyVectorEnv  # pyright: ignore[reportMissingImports]
 from tianshou.utils.net.common import Net  # pyright: ignore[reportMissingImports]
+from tianshou.utils.torch_utils import policy_within_training_step  # pyright: ignore[reportMissingImports]
 
 from lilgym_mp import action_masks
 
@@ -56,8 +57,9 @@ def main() -> None:
     collector = Collector(trained, envs, buffer)
     collector.reset()
     for _ in range(4):
-        collector.collect(n_step=args.steps // 4)
-        trained.update(buffer, 64)
+        with policy_within_training_step(trained.policy):
+            collector.collect(n_step=args.steps // 4)
+            trained.update(buffer, 64)
     torch.save(trained.state_dict(), "model.pt")
     loaded.load_state_dict(torch.load("model.pt", weights_only=True))
 

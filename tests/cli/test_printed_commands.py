@@ -55,9 +55,9 @@ def test_train__when_interrupted_names_the_command_that_resumes(
     own: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     record = RunDirectory.record
-    monkeypatch.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
-    assert main(["train", *TRAININGS["ppo"], *own, "--out", "a run"]) == 130
-    monkeypatch.undo()
+    with monkeypatch.context() as patched:
+        patched.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
+        assert main(["train", *TRAININGS["ppo"], *own, "--out", "a run"]) == 130
     assert main(printed(capsys, "resume with")) == 0
 
 
@@ -65,12 +65,12 @@ def test_experiment__names_a_report_that_runs(
     own: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     pytest.importorskip("jinja2")
-    played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n'
+    played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
     Path("an experiment.toml").write_text(text)
-    command = ["experiment", "an experiment.toml", "--out", "the results"]
+    command = ["experiment", "an experiment.toml", "--out", "the results", "--only", "policies"]
     assert main([*command, "--list"]) == 0
-    listed = shlex.split(capsys.readouterr().out.splitlines()[0].partition("lilgym-mp ")[2])
+    listed = printed(capsys, "policies")
     assert main([*listed, "--record", "by hand"]) == 0
     capsys.readouterr()
     assert main(command) == 0
