@@ -7,7 +7,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from lilgym_mp.corpus.faults import CorpusError
 
@@ -43,7 +43,9 @@ def fixed_name(corpus: str | os.PathLike[str]) -> str:
 
 def fixed_path(value: Any) -> Any:
     """A path as text and absolute, "~" being the home directory; what is no path as it is."""
-    return os.path.abspath(os.path.expanduser(value)) if isinstance(value, str | os.PathLike) else value
+    if not isinstance(value, str | os.PathLike):
+        return value
+    return os.path.abspath(os.path.expanduser(os.fspath(cast("os.PathLike[str]", value))))
 
 
 FIXED = {"corpus": fixed_name, "vocabulary": fixed_path}  # keywords of environments that may be paths

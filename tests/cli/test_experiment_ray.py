@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -81,3 +84,29 @@ def test_ray__missing_is_one_line_that_names_the_extra(
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray"]) == 2
     assert 'needs Ray: pip install "' in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")  # of Ray
+def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="needs the extra ray")
+    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
+
+    few = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
+    (tmp_path / "own.toml").write_text(TEXT.replace("steps = 64\n", f"steps = 2048\n{few}"))
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    lost = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    words = ["experiment", "own.toml", "--out", "results", "--jobs", "99", "--ray", cluster.address]
+    command = [sys.executable, "-m", "lilgym_mp", *words]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    try:
+        with subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes) as process:
+            while len(list((tmp_path / "results" / "runs").glob("*/progress.jsonl"))) < 2 and process.poll() is None:
+                time.sleep(0.2)
+            cluster.remove_node(lost, allow_graceful=False)
+            printed, _ = process.communicate()
+    finally:
+        cluster.shutdown()
+    assert "2 of 2 runs finished" in printed

@@ -13,8 +13,12 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main
+from lilgym_mp.contrib.report.behaviour import film_strip
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import RunDirectory
 from tests.corpora import write_own_corpus
+
+pytest.importorskip("matplotlib")  # of reports
 
 Captured = pytest.CaptureFixture[str]
 
@@ -64,7 +68,6 @@ def test_train__when_interrupted_names_the_command_that_resumes(
 def test_experiment__names_a_report_that_runs(
     own: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
-    pytest.importorskip("jinja2")
     played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
     Path("an experiment.toml").write_text(text)
@@ -75,8 +78,9 @@ def test_experiment__names_a_report_that_runs(
     capsys.readouterr()
     assert main(command) == 0
     assert main(printed(capsys, "tables")) == 0
-    pages = "".join(file.read_text() for file in Path("the results-report").glob("*.md"))
-    opened = re.findall(r"Open the task with: lilgym-mp (.*)", pages)
-    assert opened
+    (file,) = Path("by hand").glob("*.jsonl.gz")
+    recording = read_episodes(file)
+    title, _ = film_strip(recording, recording.episodes[0], "any")
     monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
-    assert main(shlex.split(opened[0])) == 0
+    assert main(shlex.split(title.partition("lilgym-mp ")[2])) == 0
+    assert recording.episodes[0].statement in capsys.readouterr().out
