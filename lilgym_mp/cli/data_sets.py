@@ -162,8 +162,7 @@ def _check_output(args: argparse.Namespace) -> None:
 
 def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
     """The words that token ids stand for, from 2 on, and the length of a statement, if statements are token ids."""
-    parts = getattr(env.observation_space, "spaces", {})
-    statement = parts.get("statement")
+    statement = getattr(env.observation_space, "spaces", {}).get("statement")
     if not isinstance(statement, TokenSpace):
         return {}
     return {"vocabulary": list(statement.vocabulary.words), "length": statement.shape[0]}
