@@ -47,6 +47,7 @@ from lilgym_mp.wrappers import (
     stop_forcing_v0,
     structured_observation_v0,
     text_observation_v0,
+    tokenized_statement_v0,
 )
 from lilgym_mp.wrappers.transformation import WrongEnvironment
 from tests.corpora import BLUE
@@ -433,6 +434,28 @@ def test_policy__refuses_scaled_images() -> None:
     settings, space = recipe("TowerFlipIt"), images(dtype=np.float32, high=1.0)
     with pytest.raises(ValueError, match="leave it out of VecNormalize"):
         LilGymPolicy(space, spaces.Discrete(13), lambda _: 1e-3, **settings.model["policy_kwargs"])
+
+
+def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> None:
+    training = recipe("TowerFlipIt")
+    words = training.model["policy_kwargs"]["words"]
+    others = Vocabulary((*words[1:], "zebra"))
+    env, other = (make_vec_env(TOWER, vocabulary=chosen) for chosen in (Vocabulary(words), others))
+    with pytest.raises(ValueError, match=r"other words .* make the environment with vocabulary="):
+        LilGymPolicy(other.observation_space, env.action_space, lambda _: 1e-3, **training.model["policy_kwargs"])
+    model = MaskablePPO(env=env, **training.model)
+    model.save(tmp_path / "own.zip")
+    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words  # pyright: ignore
+    with pytest.raises(ValueError, match="Observation spaces do not match"):
+        MaskablePPO.load(tmp_path / "own.zip", env=other)
+
+
+@pytest.mark.parametrize("settings", [{}, {"observation": "text", "wrap": tokenized_statement_v0}])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_vocabulary__can_be_read_in_every_backend(made: Any, backend: str, settings: dict[str, Any]) -> None:
+    env = made(TOWER, backend, **settings)
+    (words,) = {vocabulary.words for vocabulary in env.get_attr("vocabulary")}
+    assert words == made(TOWER, "batched").observation_space["statement"].vocabulary.words
 
 
 def test_policy__sees_every_change_of_its_weights() -> None:

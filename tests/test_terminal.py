@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 
 
 class _Terminal(StringIO):
@@ -37,6 +37,17 @@ def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(
     assert "8 solved" in terminal.getvalue()
     assert capsys.readouterr().out == "a result\n"
     assert "a result" not in terminal.getvalue()
+
+
+def test_progress__on_a_dumb_terminal_writes_no_escapes(monkeypatch: pytest.MonkeyPatch):
+    terminal = terminal_as_stderr(monkeypatch)
+    monkeypatch.setattr("sys.stdout", terminal)
+    assert shows_colours()
+    monkeypatch.setenv("TERM", "dumb")
+    with Progress(2, "tasks") as progress:
+        progress.advance(2)
+    assert terminal.getvalue() == "2 of 2 tasks\n"
+    assert not shows_colours()
 
 
 def test_progress__without_a_terminal_prints_the_time_left_of_new_work(

@@ -12,8 +12,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.locations import fixed_path
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.envs.observation import EMPTY, flat_space
+from lilgym_mp.envs.observation import EMPTY, TokenSpace, flat_space
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.appearances.grids import cell_size
@@ -198,7 +199,7 @@ class Tokens(Format):
         self.arrays = StatementArrays(description.tasks, vocabulary, length, truncate=truncate)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {STATEMENT: spaces.Box(0, len(self.arrays.vocabulary) - 1, (self.arrays.length,), np.int64)}
+        return {STATEMENT: TokenSpace(self.arrays)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         return {STATEMENT: state.by_task(self.arrays.rows, lambda task: self.arrays.row(task.statement))}
@@ -222,7 +223,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
         *,
         truncate: bool = False,
     ) -> None:
-        super().__init__(env, vocabulary=vocabulary, length=length, truncate=truncate)
+        super().__init__(env, vocabulary=fixed_path(vocabulary), length=length, truncate=truncate)
 
     @property
     def vocabulary(self) -> Vocabulary:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from lilgym_mp import __version__
@@ -21,6 +22,7 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.cli.solve import add_solving, solve_shown
 from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.observation import TokenSpace
 from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
 from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.evaluation.terminal import Progress
@@ -158,6 +160,14 @@ def _check_output(args: argparse.Namespace) -> None:
         datasets.check_minari(args.minari)
 
 
+def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
+    """The words that token ids stand for, from 2 on, and the length of a statement, if statements are token ids."""
+    statement = getattr(env.observation_space, "spaces", {}).get("statement")
+    if not isinstance(statement, TokenSpace):
+        return {}
+    return {"vocabulary": list(statement.vocabulary.words), "length": statement.shape[0]}
+
+
 def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
     settings = datasets.common_settings(sources)
     splits = list(dict.fromkeys(source.split for source in sources))
@@ -168,6 +178,8 @@ def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: 
         "settings": settings.to_json(),
         "tasks_sha256": {split: envs[split].get_wrapper_attr("tasks").provenance.sha256 for split in splits},
         "observation": args.observation,
+        "wrappers": [] if env.spec is None else [wrapper.name for wrapper in env.spec.additional_wrappers],
+        **_tokens(env),
         **about,
     }
     options = {"returns_to_go": args.returns_to_go, "optimal": args.optimal}

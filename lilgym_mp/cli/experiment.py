@@ -31,6 +31,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"results directory (default: {RESULTS}/FILE)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="parallel runs (default: 1)")
+    parser.add_argument(
+        "--ray",
+        nargs="?",
+        const="",
+        metavar="ADDRESS",
+        help="execute the runs as tasks of the Ray cluster at ADDRESS, such as auto, or of one on this machine;"
+        " DIR must be on a file system that all its machines share",
+    )
     parser.add_argument("--list", action="store_true", help="print the commands without running them")
     parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
     parser.add_argument(
@@ -57,18 +65,38 @@ def run(args: argparse.Namespace) -> int:
     for planned in plan if args.split else ():
         if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():
             raise CommandError(f"{planned.name}: was not trained; execute the experiment without --split first")
-    attempts = make_attempts(plan, results, max(1, usable_cores() // args.jobs))
+    threads = max(1, usable_cores() // args.jobs)
+    attempts = make_attempts(plan, results, threads)
+    if args.ray is not None:
+        unfinished = [attempt.planned.name for attempt in attempts if attempt.status is not RunStatus.FINISHED]
+        errors = _execute_on_ray(args, unfinished, results, threads)
+        attempts = make_attempts(plan, results, threads)
+        for attempt in attempts:
+            attempt.error = errors.get(attempt.planned.name, "")
     with display(attempts) as update:
-        execute(attempts, args.jobs, update, poll_seconds=1.0)
-    failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
+        if args.ray is None:
+            execute(attempts, args.jobs, update, poll_seconds=1.0)
+    failed = [attempt for attempt in attempts if attempt.status is not RunStatus.FINISHED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
     print(f"{len(attempts) - len(failed)} of {len(attempts)} runs finished")
     if args.split is None:
-        print(f"tables: lilgym-mp report {results} --out {results}-report")
+        print(f"tables: lilgym-mp report {shlex.join([str(results), '--out', f'{results}-report'])}")
     else:
         _write_table(results / f"{args.split}.md", attempts, args.split)
     return 1 if failed else 0
+
+
+def _execute_on_ray(args: argparse.Namespace, names: Sequence[str], results: Path, threads: int) -> dict[str, str]:
+    """The errors of the runs that failed, by name."""
+    from lilgym_mp.cli.experiment_ray import execute_on_ray
+
+    errors: dict[str, str] = {}
+    split = ["--split", args.split] if args.split else []
+    for name, error in execute_on_ray(args.ray, names, args.file, results, threads, split):
+        print(f"{name}: {'failed' if error else 'finished'}", flush=True)
+        errors |= {name: error} if error else {}
+    return errors
 
 
 @contextmanager

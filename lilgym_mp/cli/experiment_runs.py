@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -114,7 +115,7 @@ class Attempt:
         words = [word.replace(OUT, str(self.results)) for word in words]
         environment = {**HUGE_PAGES, **os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
         with self.log.open("ab") as log:
-            log.write(f"$ lilgym-mp {' '.join(words)}\n".encode())
+            log.write(f"$ lilgym-mp {shlex.join(words)}\n".encode())
             log.flush()
             command = [sys.executable, "-m", "lilgym_mp", *words]
             self._process = subprocess.Popen(

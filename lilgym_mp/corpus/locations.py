@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any, cast
 
 from lilgym_mp.corpus.faults import CorpusError
 
@@ -38,6 +39,21 @@ def fixed_name(corpus: str | os.PathLike[str]) -> str:
     path = os.path.abspath(os.path.expanduser(name))
     looks_like_path = os.path.dirname(name) != "" or os.path.splitext(name)[1] != ""
     return path if looks_like_path or os.path.exists(path) else name
+
+
+def fixed_path(value: Any) -> Any:
+    """A path as text and absolute, "~" being the home directory; what is no path as it is."""
+    if not isinstance(value, str | os.PathLike):
+        return value
+    return os.path.abspath(os.path.expanduser(os.fspath(cast("os.PathLike[str]", value))))
+
+
+FIXED = {"corpus": fixed_name, "vocabulary": fixed_path}  # keywords of environments that may be paths
+
+
+def fixed_keywords(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The keywords of an environment with absolute paths, which mean the same from any working directory."""
+    return {name: FIXED[name](value) if name in FIXED else value for name, value in given.items()}
 
 
 def is_split(corpus: str | os.PathLike[str]) -> bool:

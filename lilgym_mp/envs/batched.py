@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
@@ -84,6 +85,8 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self._identity = settings.identity()
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
+        self._unseeded: set[int] = set()  # environments whose seed the batch has chosen
+        self._process = os.getpid()  # that draws the tasks
         self._set_tasks(settings.tasks())
 
     def __reduce__(self) -> NoReturn:
@@ -170,6 +173,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         tasks = self._chosen_tasks(options.get("task"))
         if len(env_ids) < self.num_envs and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
+        self._draw_on_its_own()
         seeds = self._fresh_seeds(seed, env_ids)
         chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids.tolist()] for column in (seeds, tasks))
         request = ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs="reset_mask" not in options)
@@ -213,9 +217,21 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
             first = checked_seed(seed)
             seeds = [None if first is None else first + env_id for env_id in range(self.num_envs)]
         for env_id in env_ids.tolist():
-            if seeds[env_id] is None and self._seeds[env_id] is None:
-                seeds[env_id] = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+            if seeds[env_id] is not None:
+                self._unseeded.discard(env_id)
+            elif self._seeds[env_id] is None:
+                self._unseeded.add(env_id)
+                seeds[env_id] = _new_seed()
         return seeds
+
+    def _draw_on_its_own(self) -> None:
+        """In a forked process, where environments that were never seeded would draw the tasks of the other process."""
+        if self._process == (process := os.getpid()):
+            return
+        self._process = process
+        for env_id in self._unseeded:
+            seed = self._seeds[env_id] = _new_seed()
+            self._engine.seed(env_id, seed)
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]:
@@ -229,6 +245,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         autoreset, when an episode has ended.
         """
         self._check_started()  # also checks that the environment is open, before anything is written
+        self._draw_on_its_own()
         self._buffers.action[:] = self._checked(actions)
         self._add_tasks(self._everywhere(Engine.step))
         result, ended = self._buffers.result, self._buffers.ended
@@ -394,6 +411,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
                 )
             self._chosen_task(snapshot.state.task)
         self._seeds = seeds
+        self._unseeded.clear()
         self._add_tasks(self._everywhere(Engine.restore, snapshots))
         self._is_started = True
 
@@ -442,6 +460,10 @@ class BatchedEnv(LilGymVectorEnv):
         buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)
+
+
+def _new_seed() -> int:
+    return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
 
 
 def checked_actions(actions: Any, num_envs: int) -> Int64Array:

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.corpus.locations import fixed_name
+from lilgym_mp.corpus.locations import fixed_name, fixed_path
 from lilgym_mp.envs.observation import TEXT
 from lilgym_mp.envs.registration import configuration_name, environment_id, read_configuration
 from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
@@ -182,6 +182,7 @@ class SingleConfig(EnvConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "vocabulary", fixed_path(self.vocabulary))
         if self.sampler is not None and not callable(self.sampler):
             raise ValueError(f"sampler must be a function of a generator and an index, or None, not {self.sampler!r}")
 

@@ -50,10 +50,10 @@ class BatchSettings(SingleConfig):
         self.array_specs()
 
     def identity(self) -> str:
-        """The scenes and the rules, which batches that exchange states must share."""
+        """The scenes, the kind of start and the rules, which batches that exchange states must share."""
         dynamics = self.dynamics()
         grid = dynamics.appearance.grid
-        return f"{self.appearance}, grid={grid}, rules={self.rules!r}, horizon={dynamics.horizon}"
+        return f"{self.appearance}, grid={grid}, start={self.start!r}, rules={self.rules!r}, horizon={dynamics.horizon}"
 
     def array_specs(self) -> dict[str, ArraySpec]:
         """Shape and dtype of each of the buffers' arrays."""
@@ -139,8 +139,7 @@ class Engine:
         buffers.started[:] = False
         for env_id, seed in zip(env_ids.tolist(), seeds, strict=True):
             if seed is not None or self._generators[env_id] is None:
-                self._generators[env_id] = seeding.np_random(seed)[0]
-                self._drawn[env_id].clear()
+                self.seed(env_id, seed)
         if all_envs:
             self._episodes[:] = buffers.evaluated[:] = 0
         task_indices = [
@@ -152,6 +151,11 @@ class Engine:
         buffers.invalid[env_ids] = NO_REASON
         buffers.ended[env_ids] = False
         return self._taken_tasks(always=Task in set(map(type, request.tasks)))
+
+    def seed(self, env_id: int, seed: int | None) -> None:
+        """Gives an environment a new generator, from which its next task is drawn."""
+        self._generators[env_id] = seeding.np_random(seed)[0]
+        self._drawn[env_id].clear()
 
     def step(self) -> NewTasks | None:
         """Takes `buffers.action` in every environment, and resets as the autoreset mode says."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
 
 from lilgym_mp.corpus import TaskSet
+from lilgym_mp.corpus.locations import fixed_keywords
 from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.scene.actions import checked_index
 from lilgym_mp.scene.appearances import Appearance, InvalidReason
@@ -30,6 +33,16 @@ class SharedInterface:
     tasks: TaskSet
 
     _arrays: StatementArrays | None
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` or `make_vec` makes this environment from again, in any working directory."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec if spec is None else replace(spec, kwargs=fixed_keywords(spec.kwargs))
 
     @property
     def vocabulary(self) -> Vocabulary:

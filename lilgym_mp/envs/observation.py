@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import string
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, TypedDict, cast
 
@@ -20,6 +21,7 @@ from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import image_shape
 
 if TYPE_CHECKING:
+    from lilgym_mp.corpus import Vocabulary
     from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 
 MAX_STATEMENT_LENGTH = 256  # characters; the space grows for longer statements
@@ -66,12 +68,28 @@ def statement_space(tasks: Iterable[Task]) -> spaces.Text:
     return StatementSpace(max(MAX_STATEMENT_LENGTH, longest), min_length=0, charset="".join(sorted(characters)))
 
 
+class TokenSpace(spaces.Box):
+    """Token ids (length,) int64. Spaces of different vocabularies are unequal even if their sizes are equal, so that no
+    model continues with other words unnoticed."""
+
+    def __init__(self, arrays: StatementArrays) -> None:
+        super().__init__(0, len(arrays.vocabulary) - 1, (arrays.length,), np.int64)
+        self.vocabulary: Vocabulary = arrays.vocabulary
+
+    def __eq__(self, other: object) -> bool:
+        return super().__eq__(other) and getattr(other, "vocabulary", self.vocabulary) == self.vocabulary
+
+    def __repr__(self) -> str:
+        checksum = zlib.crc32(" ".join(self.vocabulary.words).encode())
+        return f"{super().__repr__()[:-1]}, words {checksum:08x})"
+
+
 def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementArrays | None = None) -> spaces.Dict:
     """The space of observations in the form "text", or "arrays" if `arrays` is given."""
     if arrays is None:
         statement, target = statement_space(tasks), spaces.Discrete(2)
     else:
-        statement = spaces.Box(0, len(arrays.vocabulary) - 1, (arrays.length,), np.int64)
+        statement = TokenSpace(arrays)
         target = spaces.Box(0, 1, (1,), np.int64)
     return spaces.Dict({"image": image_space(image_size), "statement": statement, "target": target})
 

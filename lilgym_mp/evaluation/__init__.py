@@ -11,6 +11,7 @@ from lilgym_mp.submodules import submodule_getter
 
 if TYPE_CHECKING:
     from lilgym_mp.evaluation.results import Summary, summarise, training_statements
+    from lilgym_mp.evaluation.wrapped import evaluate_wrapped
 
 __all__ = [
     "CONFIGURATIONS",
@@ -20,6 +21,7 @@ __all__ = [
     "Settings",
     "Summary",
     "evaluate",
+    "evaluate_wrapped",
     "random_legal",
     "random_unmasked",
     "summarise",
@@ -28,6 +30,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name == "evaluate_wrapped":
+        from lilgym_mp.evaluation.wrapped import evaluate_wrapped
+
+        return evaluate_wrapped
     if name not in ("Summary", "summarise", "training_statements"):
         return submodule_getter(__name__)(name)
     from lilgym_mp.evaluation import results

@@ -188,7 +188,7 @@ def _rollout(
         "action": np.array(actions, np.int64),
         "reward": np.array(rewards, np.float64),
         "terminated": np.array(terminated),
-        "truncated": np.array(truncated),
+        "truncated": np.array(truncated) & ~np.array(terminated),  # unlike a last STOP of the release's rules
         "legal": np.stack(legal),
     }
     if returns_to_go:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterable, Sequence
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from lilgym_mp.corpus.notes import write_note
 
@@ -22,9 +22,14 @@ GAP = 2  # blanks between the columns of a table
 NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
 
+def takes_escapes(stream: TextIO) -> bool:
+    """Whether the stream is a terminal that understands escape sequences, unlike TERM=dumb."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
+
+
 def shows_colours() -> bool:
-    """Tells whether standard output is a terminal and NO_COLOR is not set."""
-    return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+    """Whether standard output is a terminal with colours and NO_COLOR is not set."""
+    return takes_escapes(sys.stdout) and not os.environ.get("NO_COLOR")
 
 
 class Progress:
@@ -54,7 +59,7 @@ class Progress:
         self._since = self._printed = time.monotonic()
         self._note = doing
         self._over = threading.Event()
-        self._bar = _bar() if sys.stderr.isatty() else None
+        self._bar = _bar() if takes_escapes(sys.stderr) else None
         self._prints = self._bar is None and prints
         if self._bar is not None:
             self._bar.start()

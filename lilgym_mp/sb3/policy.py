@@ -37,6 +37,11 @@ SCALED = (
     "LilGymPolicy reads {0!r} in whole numbers, as the environment gives it: leave it out of VecNormalize"
     " (norm_obs=False, or norm_obs_keys without it) and of other scaling"
 )
+OTHER_WORDS = (
+    "LilGymPolicy was given other words than those of the environment's token ids: make the environment with"
+    " vocabulary=Vocabulary(words), as recipe(...).env does, or pass words=env.get_attr('vocabulary')[0].words"
+)
+ELSE = "evaluate other models by lilgym_mp.evaluation.evaluate_wrapped"
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
 
 
@@ -70,6 +75,8 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         needed = appearance.action_count, len(self.vocabulary)
         if needed != (found := (int(self.action_space.n), 1 + int(self._ids.high.max()))):
             raise ValueError(f"these settings and words have {needed} actions and token ids, the environment {found}")
+        if getattr(self._ids, "vocabulary", self.vocabulary) != self.vocabulary:
+            raise ValueError(OTHER_WORDS)
         self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
         options: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
@@ -244,7 +251,9 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     """The agent of a model with a `LilGymPolicy`, to evaluate, or to save as a model file. Raises AgentError."""
     policy = model.policy
     if not isinstance(policy, LilGymPolicy):
-        raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}")
+        raise AgentError(
+            f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}; {ELSE}"
+        )
     recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
     names = (policy.settings.configuration,)
     facts = {"steps": model.num_timesteps}
@@ -257,5 +266,7 @@ def load_agent(path: Path) -> PPOAgent:
     """The agent in a file of `model.save`, which contains pickles: load only what you trust. Raises AgentError."""
     try:
         return agent_of(MaskablePPO.load(path, device="cpu"))
+    except AgentError as error:
+        raise AgentError(f"{path}: {error}") from None
     except Exception as error:
-        raise AgentError(f"{path}: cannot be loaded as a model with a LilGymPolicy: {error}") from error
+        raise AgentError(f"{path}: cannot be loaded as a model with a LilGymPolicy: {error}; {ELSE}") from error

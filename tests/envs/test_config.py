@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -16,6 +17,7 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.wrappers import TokenizedStatement, action_mask_v0, tokenized_statement_v0
+from tests.corpora import write_own_corpus
 
 # Run with a further field in the source of `EnvConfig`, which is the only edit.
 ONE_EDIT = """
@@ -143,6 +145,30 @@ def test_spec__from_json_makes_the_same_environment():
         again = gym.make(EnvSpec.from_json(env.spec.to_json()))  # pyright: ignore[reportOptionalMemberAccess]
         assert again.observation_space == env.observation_space
         assert again.get_wrapper_attr("vocabulary") == WORDS
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        gym.make,
+        lambda id, **given: gym.make_vec(id, num_envs=2, **given),
+        lambda id, **given: WorkerVectorEnv(id, 2, 1, **given),
+        lambda id, corpus, vocabulary, observation: TokenizedStatement(gym.make(id, corpus=corpus), vocabulary),
+    ],
+)
+def test_spec__of_relative_paths_is_the_same_in_another_directory(
+    make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    write_own_corpus(tmp_path / "own.jsonl")
+    WORDS.save("words.json")
+    env = make("lilgym_mp/TowerFlipIt-v0", corpus="own.jsonl", vocabulary="words.json", observation="arrays")
+    spec = env.spec
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir("elsewhere")
+    assert spec.kwargs["corpus"] == str(tmp_path / "own.jsonl")
+    again = gym.make_vec(spec) if "num_envs" in spec.kwargs else gym.make(EnvSpec.from_json(spec.to_json()))
+    assert again.observation_space == env.observation_space
 
 
 def test_spec__of_workers_keeps_the_render_mode():

@@ -86,15 +86,23 @@ def test_render__without_a_mode_warns(kind: str) -> None:
     env.close()
 
 
-OTHERS = [(SCATTER, {}), (TOWER, {"rules": "release"}), (TOWER, {"horizon": 5})]
+OTHERS = [
+    (SCATTER, {}),
+    ("lilgym_mp/TowerScratch-v0", {}),
+    (TOWER, {"rules": "release"}),
+    (TOWER, {"horizon": 5}),
+]
+SAVED = r"saved in tower, start='flipit', rules='paper', horizon=12; this batch is (tower|scatter)"
 
 
+@pytest.mark.parametrize("kind", ["batch", "workers"])
 @pytest.mark.parametrize(("id", "settings"), OTHERS)
-def test_restore_state__of_other_scenes_rules_or_horizon_is_refused(id: str, settings: dict[str, Any]) -> None:
-    envs, other = MAKERS["batch"](TOWER), MAKERS["batch"](id, **settings)
+def test_restore_state__of_another_configuration_is_refused(kind: str, id: str, settings: dict[str, Any]) -> None:
+    envs, other = MAKERS["batch"](TOWER), MAKERS[kind](id, **settings)
     envs.reset(seed=0)
-    with pytest.raises(ValueError, match=r"saved in tower, rules='paper', horizon=12; this batch is (tower|scatter)"):
+    with pytest.raises(ValueError, match=SAVED):
         other.restore_state(envs.save_state())
+    other.close()
 
 
 @pytest.mark.parametrize("name", ["np_random", "sampler", "tasks"])
@@ -104,22 +112,33 @@ def test_attributes_of_batches__that_would_do_nothing_cannot_be_set(name: str) -
         setattr(envs, name, getattr(envs, name))
 
 
+def tasks_of(env: Any, *, reset: bool) -> str:
+    """The tasks of eight episodes, started by `reset` or by a batch itself."""
+    if reset:
+        return repr([env.reset()[1]["task"] for _ in range(8)])
+    stop = np.zeros(env.num_envs, np.int64)
+    return repr([env.step(stop)[-1].get("task") for _ in range(16)])
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_fork__of_an_environment_that_was_never_seeded_draws_other_tasks() -> None:
-    env = gym.make(TOWER)
-    env.reset()
+@pytest.mark.parametrize(("kind", "reset"), [("single", True), ("batch", True), ("batch", False)])
+@pytest.mark.parametrize("seed", [None, 3])
+def test_fork__draws_other_tasks_unless_seeded(kind: str, reset: bool, seed: int | None) -> None:
+    env = MAKERS[kind](TOWER)
+    env.reset(seed=seed)
     drawn: list[bytes] = []
     for _ in range(2):
         reading, writing = os.pipe()
         if not (child := os.fork()):
-            os.write(writing, repr([env.reset()[1]["task"] for _ in range(8)]).encode())
+            os.write(writing, tasks_of(env, reset=reset).encode())
             os._exit(0)
         os.waitpid(child, 0)
         drawn.append(os.read(reading, 10_000))
         os.close(reading)
         os.close(writing)
-    assert drawn[0] != drawn[1]
+    assert drawn[0]
+    assert (drawn[0] == drawn[1]) is (seed is not None)
 
 
 @pytest.mark.parametrize("start_method", [None, "forkserver"])

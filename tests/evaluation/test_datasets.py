@@ -15,8 +15,9 @@ import pytest
 
 from lilgym_mp import action_masks
 from lilgym_mp.cli import main
-from lilgym_mp.corpus import load_tasks
-from lilgym_mp.evaluation import datasets
+from lilgym_mp.corpus import Vocabulary, load_tasks
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Episode, datasets
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 
@@ -76,6 +77,13 @@ def test_fields__are_what_the_environment_shows(collect: Collect, configuration:
             )
     assert set(found.files) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
     assert (found["outcome"] == "success").all() == (quality == "expert")
+    about = json.loads(str(found["about"]))
+    assert about["wrappers"] == {"structured": ["StructuredObservation"], "text": ["TextObservation"]}.get(form, [])
+    if form in ("tokens", "structured"):
+        ids = found["tokens"][0]
+        assert about["length"] == len(ids)
+        statement = str(found["statement"][0])
+        assert np.array_equal(Vocabulary(tuple(about["vocabulary"])).encode(statement, len(ids)), ids)
 
 
 def test_mixed__has_a_third_of_each_quality(collect: Collect):
@@ -89,6 +97,22 @@ def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
     assert taken.all()
     assert found["optimal"].sum() > len(taken)
     assert not (found["optimal"] & ~found["legal"]).any()
+
+
+def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
+    settings = EnvConfig("TowerScratch", rules="release")
+    env = settings.make("dev")
+    env.reset(options={"task": env.tasks[0].id})
+    edits = [1, 10] * 5  # a block is added and removed again
+    results = [env.step(action)[2:4] for action in [*edits, 0]]
+    assert results[-1] == (True, True)
+    decode = env.dynamics.appearance.decode
+    outcome = "success" if env.goal_reached() else "wrong_stop"
+    episode = Episode.of(env.tasks[0], [*map(decode, edits), STOP], outcome, env.dynamics)
+    sources = [datasets.Source(settings, "dev", "own", [episode])]
+    (rollout,) = datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image"))
+    assert rollout.steps["terminated"].tolist() == [False] * 10 + [True]
+    assert not rollout.steps["truncated"].any()
 
 
 def test_files__of_equal_options_and_seeds_are_equal(tmp_path: Path):

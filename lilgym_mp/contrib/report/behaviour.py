@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import Value
@@ -10,6 +12,7 @@ from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_stri
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
+from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode, scenes
 from lilgym_mp.programs import compile_program
@@ -147,11 +150,12 @@ def film_strip(run: Recording, episode: Episode, kind: str) -> tuple[str, list[t
     settings = run.header.settings
     reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
     outcome = f"{episode.outcome}{reason}".replace("_", " ")
-    task = f"--corpus {settings.corpus} --split {run.header.split} --task {episode.task}"
+    others = replace(settings, corpus=BUILTIN).options()
+    where = ["--corpus", settings.corpus, *others, "--split", run.header.split, "--task", episode.task]
     head = [
         f"“{episode.statement}”  Make it {str(episode.target).lower()}.",
         f"{settings.configuration}, {run.header.split}, task {episode.task}: {outcome}, reward {episode.reward:+.1f}",
-        f"Kind of error: {kind}. Open the task with: lilgym-mp play {settings.configuration} {task}",
+        f"Kind of error: {kind}. Open the task with: lilgym-mp play {shlex.join([settings.configuration, *where])}",
     ]
     visited = scenes(settings.dynamics(), episode.start, episode.actions)
     captions = ["start", *(f"{step}. {describe(action)}" for step, action in enumerate(episode.actions, start=1))]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from lilgym_mp.scene.choices import register
+from lilgym_mp.scene.choices import choose, register
 
 AGENTS = ("proposer_0", "verifier_0")  # indexed by role
 NO_CHOICE = -1  # sentinel for a missing or illegal choice
@@ -26,6 +26,14 @@ class Role(IntEnum):
     @property
     def other(self) -> Role:
         return Role(1 - self)
+
+    @classmethod
+    def of(cls, given: Role | str) -> Role:
+        """The role itself, or that of a name such as "proposer" or "proposer_0". Raises ValueError with the choices."""
+        if isinstance(given, cls):
+            return given
+        names = {role.name.lower(): role for role in cls}
+        return choose("role", given.removesuffix("_0") if isinstance(given, str) else given, names)
 
 
 PROPOSER, VERIFIER = Role  # module constants: reading Role.PROPOSER takes ten times as long, in every step

@@ -98,13 +98,20 @@ class Agent(ABC):
         """Its networks by name, for another run to start from. Raises AgentError for an agent of another model."""
         raise AgentError(f"an agent of kind {self.description.kind} has no network of --model ours to start from")
 
-    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
+    def partner(self, role: Role | str, game: GameSettings | None = None, *, sampled: bool = False) -> Partner | None:
         """The agent in one seat of the game; None if it did not learn that seat.
 
-        An agent of the single-agent environment proposes its actions, and accepts claims where it would STOP.
+        An agent of the single-agent environment proposes its actions, and accepts claims where it would STOP. It needs
+        `game`. Raises ValueError for an unknown role or without the game.
         """
+        from lilgym_mp.envs.proposer_verifier import Role
         from lilgym_mp.evaluation.game_partners import AgentPartner  # imports the game
 
+        Role.of(role)
+        if game is None:
+            raise AgentError(
+                "this agent learned without a game: name one, as in partner(role, GameSettings(configuration))"
+            )
         return AgentPartner(self.policy(game.single(), sampled=sampled))
 
 

@@ -54,11 +54,14 @@ class GameAgent(Agent):
     def game(self) -> GameSettings:
         return self.settings
 
-    def partner(self, role: Role, game: GameSettings | None = None, *, sampled: bool = False) -> SeatPartner | None:
+    def partner(
+        self, role: Role | str, game: GameSettings | None = None, *, sampled: bool = False
+    ) -> SeatPartner | None:
         """One of the agents, taking its most probable actions unless `sampled`; None if it did not learn.
 
-        It plays in any `game` with the actions and the protocol of its own.
+        It plays in any `game` with the actions and the protocol of its own. Raises ValueError for an unknown role.
         """
+        role = Role.of(role)
         if role not in self.networks:
             return None
         return SeatPartner(self.networks[role], role, mask=self.recipe.mask, sampled=sampled)

@@ -63,9 +63,9 @@ class RewardModelAgent(Agent):
         is_flipit = settings.start == FLIPIT
         return SearchPlanner(self.network, self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
 
-    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
+    def partner(self, role: Role | str, game: GameSettings | None = None, *, sampled: bool = False) -> Partner | None:
         """A verifier judges claims by their probability; a proposer follows the policy's plans."""
-        if role is Role.VERIFIER:
+        if Role.of(role) is Role.VERIFIER:
             return self.answer
         return super().partner(role, game, sampled=sampled)
 

@@ -1,0 +1,112 @@
+"""`lilgym-mp experiment --ray`: runs are tasks of a cluster, and what is lost is done by the next command."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from lilgym_mp.cli import experiment_ray, main
+from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.cli.experiment_runs import FINISHED
+from lilgym_mp.evaluation.files import write_json
+
+TEXT = 'configurations = ["TowerScratch"]\nseeds = [0, 1]\n[[learners]]\nlearner = "ppo"\nsteps = 64\n'
+
+
+class OneProcess:
+    """What the command uses of Ray, in this process: a task runs when its result is fetched."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, dict[str, Any]]] = []
+
+    def init(self, **given: Any) -> None:
+        self.calls.append(("init", given))
+
+    def shutdown(self) -> None:
+        self.calls.append(("shutdown", {}))
+
+    def remote(self, **given: Any) -> Callable[[Any], Any]:
+        self.calls.append(("remote", given))
+        return lambda function: SimpleNamespace(remote=lambda *arguments: (function, repr(arguments), arguments[0][-1]))
+
+    def wait(self, pending: list[Any]) -> Any:
+        return pending[-1:], pending[:-1]
+
+    def get(self, task: Any) -> Any:
+        function, _, name = task
+        return function(name)
+
+
+def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, results = tmp_path / "own.toml", tmp_path / "results"
+    file.write_text(TEXT)
+    plan = {planned.name: planned for planned in read_plan(file)}
+    first, second = plan
+    lost, executed = {second}, list[str]()
+    ray = OneProcess()
+    monkeypatch.setitem(sys.modules, "ray", ray)
+
+    def run(name: str) -> int:
+        if name in lost:
+            lost.remove(name)
+            raise ConnectionError("node lost")
+        executed.append(name)
+        write_json(results / FINISHED / f"{name}.json", {"commands": [list(words) for words in plan[name].commands]})
+        return 0
+
+    monkeypatch.setattr(experiment_ray, "_run", run)
+    command = ["experiment", str(file), "--out", str(results), "--jobs", "2", "--ray"]
+    assert main([*command, "10.0.0.1:6379"]) == 1
+    printed = capsys.readouterr().out
+    assert f"failed: {second}: ConnectionError: node lost" in printed
+    assert "1 of 2 runs finished" in printed
+    assert ray.calls[0] == ("init", {"address": "10.0.0.1:6379", "log_to_driver": False})
+    assert main(command) == 0
+    assert "2 of 2 runs finished" in capsys.readouterr().out
+    assert executed == [first, second]
+    assert [name for name, _ in ray.calls] == ["init", "remote", "shutdown"] * 2
+
+
+def test_ray__missing_is_one_line_that_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "own.toml").write_text(TEXT)
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert main(["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray"]) == 2
+    assert 'needs Ray: pip install "' in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")  # of Ray
+def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="needs the extra ray")
+    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
+
+    few = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
+    (tmp_path / "own.toml").write_text(TEXT.replace("steps = 64\n", f"steps = 2048\n{few}"))
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    lost = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    words = ["experiment", "own.toml", "--out", "results", "--jobs", "99", "--ray", cluster.address]
+    command = [sys.executable, "-m", "lilgym_mp", *words]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    try:
+        with subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes) as process:
+            while len(list((tmp_path / "results" / "runs").glob("*/progress.jsonl"))) < 2 and process.poll() is None:
+                time.sleep(0.2)
+            cluster.remove_node(lost, allow_graceful=False)
+            printed, _ = process.communicate()
+    finally:
+        cluster.shutdown()
+    assert "2 of 2 runs finished" in printed
