@@ -152,7 +152,8 @@ class GameVecEnv(VecEnv):
     def _play(self, indices: Int64Array) -> None:
         """Plays a turn of games (k,) with the actions chosen, and adds up rewards and infos."""
         games = self._games
-        games.step(*self._actions, None if len(indices) == self._num_games else indices)
+        proposers, verifiers = self._actions
+        games.step(proposers, verifiers, None if len(indices) == self._num_games else indices)
         self._returns[:, indices] += games.rewards[:, indices]
         for index in indices[games.have_infos[indices]].tolist():
             infos = games.infos(index)

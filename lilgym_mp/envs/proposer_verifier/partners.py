@@ -145,7 +145,7 @@ class BatchTurn:
 Partner = Callable[[PartnerTurn], SupportsIndex]
 
 
-def checked_partner(partner: object) -> Partner:
+def checked_partner(partner: Any) -> Partner:
     """A partner itself, or that of a name in SCRIPTED.
 
     Raises ValueError naming the choices, TypeError unless it is callable.

@@ -72,6 +72,29 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algo
     assert not torch.allclose(logits[Role.VERIFIER], logits[Role.VERIFIER][:1], atol=1e-6)
 
 
+@pytest.mark.parametrize("algorithm", ["independent", "shared"])
+def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Path, algorithm: str):
+    recipe = replace(SMALL, algorithm=algorithm, critic="central")
+    run = Run(GUIDED, recipe, tmp_path / "run", steps=128)
+    run.step()
+    (name, critic), *_ = run._critics.items()
+    actor = run._actors[name]
+    rollout = run._player.play(run._evaluate, np.random.default_rng(0))
+    own, central = rollout.seen
+    cells = np.flatnonzero(rollout.acted[Role.PROPOSER])
+    roles = np.zeros_like(cells)
+    (blind, of_blind), (whole, of_whole) = (run._situation(rollout, seen, roles, cells) for seen in (own, central))
+    assert blind.states.statements == ("",)
+    assert len(whole.states.statements) > 1
+    with torch.no_grad():
+        values = critic.values(critic.encode(whole.states).rows(torch.from_numpy(of_whole)), whole.context)
+        assert rollout.values[Role.PROPOSER].reshape(-1)[cells] == pytest.approx(values.numpy(), abs=1e-5)
+        alone = actor.values(actor.encode(blind.states).rows(torch.from_numpy(of_blind)), blind.context)
+        assert not torch.allclose(values, alone)
+    agent = trained(tmp_path / "saved", GUIDED, recipe)
+    assert {*agent.network.state_dict()} == {key for key in run.networks.state_dict() if not key.startswith("critic_")}
+
+
 def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path: Path):
     agent = trained(tmp_path, GUIDED)
     assert agent.game.views_by_role() == GUIDED.views_by_role()
