@@ -152,9 +152,9 @@ def checked_partner(partner: Any) -> Partner:
     """
     if isinstance(partner, str):
         return choose("partner", partner, SCRIPTED)
-    if not callable(partner):
-        raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
-    return partner
+    if callable(partner):
+        return partner  # pyright: ignore[reportReturnType]
+    raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
 
 
 def partner_action(partner: Partner, turn: PartnerTurn) -> int:
