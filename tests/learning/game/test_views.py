@@ -12,10 +12,20 @@ import pytest
 import torch
 
 from lilgym_mp.cli import main
-from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames, GameSettings, Role, View, measure, parallel_env
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    PROTOCOLS,
+    BatchedGames,
+    GameSettings,
+    Role,
+    View,
+    measure,
+    parallel_env,
+)
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn
+from lilgym_mp.envs.proposer_verifier.rewards import TERMS
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -93,6 +103,19 @@ def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Pa
         assert not torch.allclose(values, alone)
     agent = trained(tmp_path / "saved", GUIDED, recipe)
     assert {*agent.network.state_dict()} == {key for key in run.networks.state_dict() if not key.startswith("critic_")}
+
+
+def test_own_protocols_and_terms__train_and_play_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(PROTOCOLS, "claims", replace(PROTOCOLS["audit"], name="claims"))
+    monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
+    rewards = json.dumps({"proposer_0": {"mdp": 1, "boldness": 0.1}, "verifier_0": "correctness"})
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
+    run = str(tmp_path / "run")
+    game = ["--protocol", "claims", "--rewards", rewards]
+    assert main(["train", "game", "TowerScratch", *game, *small, "--steps", "64", "--out", run]) == 0
+    env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
+    agent = open_agent(Path(run), "cpu")
+    assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
 
 
 def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path: Path):
