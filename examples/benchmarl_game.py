@@ -38,18 +38,22 @@ STATEMENTS = {  # so few that some thousand games show that both agents learn
 }
 GROUP = "agents"
 BATCH = 2048  # turns between updates
+JOINT = {"protocol": "joint", "views": "structured"}
+GUIDE = {  # the proposer sees no statement, and the verifier has a message for each action
+    "protocol": "critique",
+    "views": {"proposer_0": {"scene": "structured", "statement": "none", "target": False}, "verifier_0": "structured"},
+    "message_size": {"proposer_0": 0, "verifier_0": 13},
+}
 
 
-def make_game() -> Any:
+def make_game(settings: Any) -> Any:
     common = {"appearance": "tower", "split": "train", "starts": []}
     rows = enumerate(STATEMENTS.items())
     entries = [{"id": f"{n}", "statement": said, "program": program, **common} for n, (said, program) in rows]
     with TemporaryDirectory() as directory:
         corpus = Path(directory) / "three.jsonl"
         write_corpus(corpus, "three", "MIT", entries)
-        return parallel_env(
-            protocol="joint", views="structured", observations="vector", homogeneous=True, corpus=str(corpus)
-        )
+        return parallel_env(**settings, observations="vector", homogeneous=True, corpus=str(corpus))
 
 
 class GameClass(PettingZooClass):
@@ -58,7 +62,9 @@ class GameClass(PettingZooClass):
     def get_env_fun(self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any) -> Callable[[], Any]:
         def make() -> Any:
             groups = {GROUP: list(AGENTS)}
-            env = PettingZooWrapper(make_game(), group_map=groups, done_on_any=True, device=device, seed=seed)
+            env = PettingZooWrapper(
+                make_game(self.config["game"]), group_map=groups, done_on_any=True, device=device, seed=seed
+            )
             return TransformedEnv(env, ObservationNorm(loc=0.0, scale=0.05, in_keys=[(GROUP, "observation")]))
 
         return make
@@ -96,6 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=40_960, help="number of turns")
     parser.add_argument("--algorithm", choices=["ippo", "mappo"], default="mappo")
+    parser.add_argument("--guide", action="store_true", help="critique with the guide's views instead of joint")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -109,7 +116,15 @@ def main() -> None:
     model = MlpConfig(num_cells=[64, 64], layer_class=torch.nn.Linear, activation_class=torch.nn.Tanh)
     with TemporaryDirectory() as config.save_folder:
         task: Any = GameTask.JOINT
-        Experiment(task.get_task(config={}), algorithm, model, args.seed, config, model, [Report()]).run()
+        Experiment(
+            task.get_task(config={"game": GUIDE if args.guide else JOINT}),
+            algorithm,
+            model,
+            args.seed,
+            config,
+            model,
+            [Report()],
+        ).run()
 
 
 if __name__ == "__main__":

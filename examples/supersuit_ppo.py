@@ -32,26 +32,34 @@ STATEMENTS = {  # so few that a plain network over token ids can tell them apart
 }
 
 
-def make_game() -> Any:
+JOINT = {"protocol": "joint", "views": "structured"}
+GUIDE = {  # the proposer sees no statement, and the verifier has a message for each action
+    "protocol": "critique",
+    "views": {"proposer_0": {"scene": "structured", "statement": "none", "target": False}, "verifier_0": "structured"},
+    "message_size": {"proposer_0": 0, "verifier_0": 13},
+}
+
+
+def make_game(*, guide: bool = False) -> Any:
     common = {"appearance": "tower", "split": "train", "starts": []}
     rows = enumerate(STATEMENTS.items())
     entries = [{"id": f"{n}", "statement": said, "program": program, **common} for n, (said, program) in rows]
     with TemporaryDirectory() as directory:
         corpus = Path(directory) / "three.jsonl"
         write_corpus(corpus, "three", "MIT", entries)
-        return parallel_env(
-            protocol="joint", views="structured", homogeneous=True, observations="vector", corpus=str(corpus)
-        )
+        settings = GUIDE if guide else JOINT
+        return parallel_env(**settings, homogeneous=True, observations="vector", corpus=str(corpus))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=60_000, help="total number of turns of both agents")
     parser.add_argument("--games", type=int, default=8, help="number of parallel games")
+    parser.add_argument("--guide", action="store_true", help="critique with the guide's views instead of joint")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    markov = supersuit.pettingzoo_env_to_vec_env_v1(make_game())
+    markov = supersuit.pettingzoo_env_to_vec_env_v1(make_game(guide=args.guide))
     joined = supersuit.concat_vec_envs_v1(markov, args.games, num_cpus=0, base_class="stable_baselines3")
     joined.venv.reset(seed=args.seed)  # pyright: ignore[reportAttributeAccessIssue] -- each copy with another seed
     torch.manual_seed(args.seed)

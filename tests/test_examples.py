@@ -77,6 +77,17 @@ def test_demo__writes_results_recordings_and_films(tmp_path: Path, capsys: pytes
             assert getattr(frames, "n_frames", 1) > 1
 
 
+def test_self_play__grows_both_pools_and_writes_the_curve(run: Run, tmp_path: Path) -> None:
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
+    printed = run("self_play.py", "--rounds", "1", "--steps", "64", "--out", "played", "--", *small)
+    saved = json.loads((tmp_path / "played" / "verifier-1" / "run.json").read_text())
+    assert saved["identity"]["partners"]["proposer"] == ["helpful", "deceptive"]
+    names, row = (tmp_path / "played" / "exploitability.csv").read_text().splitlines()
+    found = dict(zip(names.split(","), map(float, row.split(",")), strict=True))
+    assert found["exploitability"] == pytest.approx(found["proposer_gain"] + found["verifier_gain"], abs=1e-3)
+    assert f"round 1: exploitability {found['exploitability']:.3f}" in printed
+
+
 def test_train_masked_ppo__evaluates_the_model_that_it_saves(run: Run, tmp_path: Path) -> None:
     _needs("sb3_contrib")
     options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "1024", "--seed", "1"]
@@ -138,6 +149,12 @@ def test_supersuit__one_policy_for_both_agents_learns(run: Run) -> None:
     _needs("supersuit")
     returns = [float(line.split()[-1]) for line in run("supersuit_ppo.py", "--steps", "24576").splitlines()]
     assert returns[-1] > returns[0] + 0.3
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_supersuit_ppo__plays_with_the_guides_views(run: Run) -> None:
+    _needs("supersuit")
+    assert "mean return" in run("supersuit_ppo.py", "--steps", "256", "--games", "1", "--guide")
 
 
 @pytest.fixture

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import csv
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -69,6 +70,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
                     "actions": actions,
                     "messages": args.messages,
                     "success": measures.pop("success_rate"),
+                    "remark": _remark(proposer, verifier, agents),
                     **measures,
                 }
                 results.append(result)
@@ -83,8 +85,38 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     print("", *tables, LEGEND, sep="\n")
     if args.out is not None:
         write_json(args.out, {"results": results})
-        print(f"results: {args.out}")
+        table_file = args.out.with_suffix(".csv")
+        _write_csv(table_file, results)
+        print(f"results: {args.out}, {table_file}")
     return 0
+
+
+def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
+    """How the games differ in which two runs have learned; "" if one of them is scripted."""
+    games = [agents[Path(name)].game for name in (proposer, verifier) if Path(name) in agents]
+    if len(games) < len(Role) or None in games:
+        return ""
+    differing = [name for name in ("rewards", "views") if len({repr(getattr(game, name)) for game in games}) > 1]
+    return f"trained with other {' and '.join(differing)}" if differing else ""
+
+
+def _write_csv(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
+    """One row for each pair; intervals have a column for each end."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = [_flat(result) for result in results]
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _flat(result: Mapping[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name, value in result.items():
+        if name.endswith("_interval"):
+            row[f"{name}_low"], row[f"{name}_high"] = value or (None, None)
+        elif name != "by_target":
+            row[name] = value
+    return row
 
 
 def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameSettings]:
@@ -155,6 +187,7 @@ def _row(result: Mapping[str, Any]) -> dict[str, str]:
         "true accepts T/F": true,
         "false accepts T/F": false,
         "lies accepted": _percent(result["accepted_false_claims"]),
+        "remark": result["remark"],
     }
 
 

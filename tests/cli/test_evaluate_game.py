@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,23 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     assert found["random", "target-only"]["j"] == 0.0
     assert found["helpful", "oracle"]["configuration"] == "TowerScratch"
     assert f"TowerScratch, audit, dev, corpus {own}" in capsys.readouterr().out
+
+
+def test_results__are_also_a_table_with_a_remark_on_pairs_that_learned_for_other_rewards(
+    tmp_path: Path, own: str, runs: dict[str, Any]
+):
+    runs.update(a=Trained(own), b=Trained(own))
+    runs["b"].game = replace(runs["b"].game, rewards="hidden")
+    file = tmp_path / "results.json"
+    assert main(["evaluate", "a", "b", "--cross-play", "--out", str(file)]) == 0
+    with file.with_suffix(".csv").open(newline="") as table:
+        rows = {(row["proposer"], row["verifier"]): row for row in csv.DictReader(table)}
+    assert rows.keys() == results(file).keys()
+    row, found = rows["a", "b"], results(file)["a", "b"]
+    assert float(row["success"]) == found["success"]
+    assert [float(row[f"success_interval_{end}"]) for end in ("low", "high")] == found["success_interval"]
+    assert row["remark"] == found["remark"] == "trained with other rewards"
+    assert rows["a", "a"]["remark"] == rows["a", "oracle"]["remark"] == ""
 
 
 @pytest.mark.parametrize("single", [False, True])

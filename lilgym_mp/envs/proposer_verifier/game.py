@@ -33,7 +33,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
     make_rewards,
     progress_weights,
 )
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings, View
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene.actions import checked_index, describe
 from lilgym_mp.scene.arrays import BoolArray, Int8Array
@@ -142,6 +142,12 @@ class Game:
         """The game with the truth in infos."""
         other = copy(self)
         other.reveals_truth = True
+        return other
+
+    def showing_everything(self) -> Game:
+        """The game with views that hide nothing."""
+        other = copy(self)
+        other.views = (View(history=self.history_length),) * 2
         return other
 
     def sample_task_index(self, rng: np.random.Generator) -> int:

@@ -54,6 +54,14 @@ def _where(condition: Any, value: Any, otherwise: Any) -> Any:
     return value if condition else otherwise
 
 
+def _games_where(condition: Any, every: Any) -> Int64Array:
+    """(k,) indices of the games where it is met, one value for each of `every`."""
+    if not isinstance(condition, np.ndarray):
+        return _FIRST if condition else _NONE
+    found = condition.nonzero()[0]
+    return found if isinstance(every, slice) else every[found]
+
+
 class GameArrays:
     """The states of N games and the results of the last turn."""
 
@@ -107,11 +115,11 @@ class GameArrays:
         self._results[started] = self.game.decision_table.no_mdp_step
         self._update_distances(indices)
 
-    def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
-        """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
-        every, game, table = self._all, self.game, self.game.decision_table
-        choice, proposer_message = self._decode_actions(PROPOSER, proposers[every])
-        answer, verifier_message = self._decode_actions(VERIFIER, verifiers[every])
+    def step(self, proposers: Int64Array, verifiers: Int64Array, playing: Int64Array | None = None) -> None:
+        """Plays one turn of games `playing` (k,), None for all; actions (N,) of agents out of turn are ignored."""
+        every, game, table = self._all if playing is None else playing, self.game, self.game.decision_table
+        choice, proposer_message = self._decode_actions(PROPOSER, proposers[every], every)
+        answer, verifier_message = self._decode_actions(VERIFIER, verifiers[every], every)
         proposal, is_answer = choice, 0
         if game.turn_based:
             is_answer = _where(self.movers[VERIFIER, every], 1, 0)
@@ -121,12 +129,12 @@ class GameArrays:
             exchanges_spent = _where(rejections >= game.settings.exchanges, 1, 0)
         decision = table.indices[is_answer, _where(proposal < EDIT, proposal, EDIT), answer, exchanges_spent]
         mdp_move, needs_answer = table.mdp_moves[decision], table.needs_answer[decision]
-        holds = self._claims_hold(decision)
-        result = self._step_mdps(mdp_move, proposal)
+        holds = self._claims_hold(decision, every)
+        result = self._step_mdps(mdp_move, proposal, every)
         self._decisions[every] = decision
         self.rewards[:, every] = table.rewards[:, decision, result, holds, self.intents[every]]
         if game.goal_distance is not None:
-            self._reward_progress(mdp_move)
+            self._reward_progress(_games_where(mdp_move == PROPOSAL, every))
         results = self._mdp_results
         self.terminated[every], self.truncated[every] = results.terminated[result], results.truncated[result]
         is_active = self._continues[result]
@@ -145,23 +153,22 @@ class GameArrays:
             if message is not None:
                 self.rewards[role, every] -= game.settings.message_cost * (message > SILENCE)
         if game.history_length:
-            self.history[:, :-1] = self.history[:, 1:]
+            self.history[every, :-1] = self.history[every, 1:]
             self.history[every, -1] = np.stack([choice, answer, *self.messages[:, every]], axis=-1)
 
     def _update_distances(self, indices: Int64Array) -> None:
         if (distance := self.game.goal_distance) is not None:
             self._distances[indices] = [distance(self.mdp(index)) for index in indices.tolist()]
 
-    def _reward_progress(self, mdp_move: Any) -> None:
-        """Adds the term `progress`: 0 where a distance is not known."""
-        before, played = self._distances.copy(), self._games_where(mdp_move == PROPOSAL)
+    def _reward_progress(self, played: Int64Array) -> None:
+        """Adds the term `progress` in games (k,) whose scene has changed: 0 where a distance is not known."""
+        before = self._distances.copy()
         self._update_distances(played)
         change = np.nan_to_num(before - self._distances)
         self.rewards += self.game.progress_weights[:, None] * change
 
-    def _decode_actions(self, role: Role, actions: Any) -> tuple[Any, Any]:
+    def _decode_actions(self, role: Role, actions: Any, every: Any) -> tuple[Any, Any]:
         """By game: the choices, NO_CHOICE if out of turn or illegal; the messages, None if `role` has none."""
-        every = self._all
         movers, size, own = self.movers[role, every], self.game.message_sizes[role], self.game.choices[role]
         choice, message = np.divmod(actions, size + 1) if size else (actions, None)
         is_legal = movers & (choice >= own.start) & (choice < own.stop)
@@ -173,19 +180,19 @@ class GameArrays:
             self.messages[role, every] = _where(movers, message, self.messages[role, every])
         return _where(is_legal, choice, NO_CHOICE), message
 
-    def _claims_hold(self, decision: Any) -> Any:
+    def _claims_hold(self, decision: Any, every: Any) -> Any:
         """By game: 1 if a claim judged in this turn holds, otherwise 0, also where nothing depends on it."""
-        every, needed = self._all, self._needs_truth[decision]
+        needed = self._needs_truth[decision]
         is_needed = self._judges and np.any(needed)
         self._holds[every] = _where(needed, self.goals_reached()[every], False) if is_needed else False
         return self._holds[every]
 
-    def _step_mdps(self, mdp_move: Any, proposal: Any) -> Any:
+    def _step_mdps(self, mdp_move: Any, proposal: Any, every: Any) -> Any:
         """Steps the MDPs as decided. By game: indices of step results, or `no_mdp_step`."""
-        buffers, every = self._buffers, self._all
+        buffers = self._buffers
         buffers.action[every] = _where(mdp_move == STOP, STOP_ACTION, proposal)
         buffers.result[every] = self.game.decision_table.no_mdp_step
-        acting, waiting = self._games_where(mdp_move >= PROPOSAL), self._games_where(mdp_move == WAIT)
+        acting, waiting = _games_where(mdp_move >= PROPOSAL, every), _games_where(mdp_move == WAIT, every)
         if len(acting):
             self._core.step(None if len(acting) == len(buffers.action) else acting)
             self._has_masks = self._has_items = False
@@ -193,12 +200,6 @@ class GameArrays:
             self._core.wait(waiting)
         self._results[every] = buffers.result[every]
         return self._results[every]
-
-    def _games_where(self, condition: Any) -> Int64Array:
-        """(k,) indices of the games where it is met."""
-        if self._all == 0:
-            return _FIRST if condition else _NONE
-        return condition.nonzero()[0]
 
     @property
     def images(self) -> UInt8Array:
@@ -263,6 +264,11 @@ class GameArrays:
             return mdp.scene
         dynamics = self.game.dynamics
         return dynamics.step(mdp._replace(steps=0), dynamics.appearance.decode(proposal)).state.scene
+
+    @property
+    def have_infos(self) -> BoolArray:
+        """(N,) whether there is something in `infos`."""
+        return self.terminated | self.truncated | self._illegal.any(0) | self.game.reveals_truth
 
     def infos(self, index: int) -> tuple[Info, Info]:
         """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""

@@ -23,6 +23,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, AGENTS, REJECT, S
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.scene.choices import choose
 
 
 class PartnerError(ValueError):
@@ -146,6 +147,18 @@ class BatchTurn:
 
 
 Partner = Callable[[PartnerTurn], SupportsIndex]
+
+
+def checked_partner(partner: Any) -> Partner:
+    """A partner itself, or that of a name in SCRIPTED.
+
+    Raises ValueError naming the choices, TypeError unless it is callable.
+    """
+    if isinstance(partner, str):
+        return choose("partner", partner, SCRIPTED)
+    if callable(partner):
+        return partner  # pyright: ignore[reportReturnType]
+    raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
 
 
 def partner_action(partner: Partner, turn: PartnerTurn) -> int:

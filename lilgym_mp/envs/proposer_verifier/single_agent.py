@@ -12,10 +12,9 @@ from lilgym_mp.envs.checks import checked_seed
 from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
-from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
+from lilgym_mp.envs.proposer_verifier.partners import Partner, PartnerTurn, checked_partner, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.choices import choose
 
 MAX_RESETS = 1_000  # consecutive games that may end before the agent has had a turn
 
@@ -41,10 +40,6 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         game_env = getattr(env, "unwrapped", env)
         if not isinstance(game_env, BaseGameEnv):
             raise TypeError(f"SingleAgentView needs a proposer-verifier environment, not {env!r}")
-        if isinstance(partner, str):
-            partner = choose("partner", partner, SCRIPTED)
-        if not callable(partner):
-            raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
         self._role = role_of(agent)
         nested = game_env.observation_space(agent)
         if env.observation_space(agent) != nested:
@@ -52,7 +47,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         if not isinstance(nested, spaces.Dict) or MASK not in nested.spaces:
             raise TypeError(f'SingleAgentView needs the game with observations="nested", not {nested}')
         self.engine = game_env.engine
-        self.partner = partner
+        self.partner = checked_partner(partner)
         self.agent = agent
         self.render_mode = self.engine.render_mode
         self.observation_space = cast("spaces.Space[Any]", nested[PARTS])

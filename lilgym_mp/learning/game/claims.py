@@ -63,7 +63,7 @@ def claim_loss(network: GameNetwork, rollout: Rollout, claims: Claims) -> tuple[
     The truth does not depend on the target, so the verifier cannot resort to what the target alone predicts.
     """
     boxes_of: Int64Array = rollout.table.item_indices(claims.items)
-    encoded = network.encode(rollout.states(Role.VERIFIER, claims.statement_of, boxes_of, claims.targets))
+    encoded = network.encode(rollout.states(rollout.game, Role.VERIFIER, claims.statement_of, boxes_of, claims.targets))
     logits = network.truth(encoded.scenes).squeeze(1).float()
     truths = torch.from_numpy((claims.holds == (claims.targets == 1)).astype(np.float32)).to(logits.device)
     true_share = truths.mean().clamp(0.05, 0.95)

@@ -130,9 +130,7 @@ class GameNetwork(BoxTransformer):
         self, role: Role, encoded: EncodedStates, context: Int64Array, legal: BoolArray | None
     ) -> tuple[AgentPolicy, Tensor]:
         """The policy and values (N,) of one agent. `context` as in `situations`; `legal` (N, actions of the MDP)."""
-        device = self.answers.weight.device
-        indices = torch.from_numpy(context + self._offsets).to(device)
-        condition = self.target(encoded.targets) + self.context(indices)
+        condition = self._condition(encoded, context)
         conditioned = self.judge(encoded.scenes + condition)
         sizes = self.game.message_sizes[role] + 1
         message = Categorical(self._messages(role, encoded, conditioned)) if sizes > 1 else None
@@ -141,11 +139,21 @@ class GameNetwork(BoxTransformer):
             types = prediction.types
             if not self.game.protocol.proposer_may_stop:
                 types = torch.cat([torch.full_like(types[:, :1], IMPOSSIBLE), types[:, 1:]], 1)
-            mask = None if legal is None else torch.from_numpy(legal).to(device)
+            mask = None if legal is None else torch.from_numpy(legal).to(types.device)
             choice = FactoredPolicy(self.factorisation, types, prediction.heads, mask)
             return AgentPolicy(choice, message, sizes), prediction.values
         answers = Categorical(self._answers(encoded, conditioned, context))
         return AgentPolicy(answers, message, sizes), torch.tanh(self.value(conditioned).float()).squeeze(1)
+
+    def values(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
+        """(N,) values alone, of a critic."""
+        conditioned = self.judge(encoded.scenes + self._condition(encoded, context))
+        return torch.tanh(self.value(conditioned).float()).squeeze(1)
+
+    def _condition(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
+        """(N, d) of the target and the context."""
+        indices = torch.from_numpy(context + self._offsets).to(self.answers.weight.device)
+        return self.target(encoded.targets) + self.context(indices)
 
     def _messages(self, role: Role, encoded: EncodedStates, conditioned: Tensor) -> Tensor:
         """(N, messages + 1) logits."""

@@ -21,6 +21,11 @@ class GameRecipe(UpdateRecipe):
         "one network for both agents, told whose turn it is, or one for each",
         choices=("independent", "shared"),
     )
+    critic: str = setting(
+        "own",
+        "values from what each agent sees, or by a network of their own from everything (central, as in MAPPO)",
+        choices=("own", "central"),
+    )
     verifier: str = setting(
         "both",
         "learns from its rewards, from the truth of the claims it judged in a game's last turn, or from both",

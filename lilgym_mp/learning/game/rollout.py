@@ -26,9 +26,32 @@ from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Ar
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
 
-# The policy and the values (k,) of an agent that learns, in k games: from its role, states, context (k, C) and, for the
-# proposer with a mask, the legal actions of the MDP (k, actions).
-Evaluate = Callable[[Role, States, Int64Array, BoolArray | None], tuple[AgentPolicy, Tensor]]
+class Situation(NamedTuple):
+    """What is known in k games."""
+
+    states: States
+    boxes_of: Int64Array  # (k, 3) in the rollout's table
+    context: Int64Array  # (k, C)
+
+
+# The policy and the values (k,) of an agent that learns, in k games: from its role, what it sees there, then what a
+# central critic sees if there is one, and for the proposer with a mask the legal actions of the MDP (k, actions).
+Evaluate = Callable[[Role, Sequence[Situation], BoolArray | None], tuple[AgentPolicy, Tensor]]
+
+
+class Seen(NamedTuple):
+    """What agents see in each turn, by role, with the views of a game."""
+
+    game: Game
+    boxes_of: Int64Array  # (2, T, N, 3)
+    context: Int64Array  # (2, T, N, C)
+
+    @classmethod
+    def empty(cls, game: Game, turns: int, games: int) -> Seen:
+        shape = len(Role), turns, games
+        return cls(
+            game, np.zeros((*shape, BOX_COUNT), np.int64), np.zeros((*shape, len(context_sizes(game))), np.int64)
+        )
 
 
 class Claims(NamedTuple):
@@ -55,8 +78,11 @@ class Rollout:
 
     claims: Claims
 
-    def __init__(self, game: Game, statements: tuple[str, ...], turns: int, games: int, legal: int = 0) -> None:
-        """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0."""
+    def __init__(
+        self, game: Game, statements: tuple[str, ...], turns: int, games: int, legal: int = 0, *, central: bool = False
+    ) -> None:
+        """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0.
+        `central`: whether there is a critic that sees everything."""
         self.game, self.table, self.statements = game, BoxImageTable(), statements
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
@@ -66,8 +92,8 @@ class Rollout:
         self.legal: BoolArray = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
         both = len(Role), *shape
         self.acted: BoolArray = np.zeros(both, np.bool_)  # (2, T, N)
-        self.boxes_of: Int64Array = np.zeros((*both, BOX_COUNT), np.int64)  # (2, T, N, 3)
-        self.context: Int64Array = np.zeros((*both, len(context_sizes(game))), np.int64)  # (2, T, N, C)
+        views = [game, game.showing_everything()] if central else [game]
+        self.seen = [Seen.empty(each, *shape) for each in views]  # by the agents, then by a central critic
         self.actions: Int64Array = np.zeros(both, np.int64)  # (2, T, N)
         self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
         self.rewards: Float32Array = np.zeros(both, np.float32)  # (2, T, N) of every turn
@@ -97,11 +123,11 @@ class Rollout:
         return float((~self.ended.any(0)).mean())
 
     def states(
-        self, roles: Role | Int64Array, statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
+        self, game: Game, roles: Role | Int64Array, statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
     ) -> States:
-        """States (k,) with the given boxes (k, 3), as the agents (k,) see them."""
+        """States (k,) with the given boxes (k, 3), as the agents (k,) see them with the views of `game`."""
         statements = *self.statements, HIDDEN_STATEMENT
-        seen, goals = seen_tasks(self.game, roles, statement_of, targets, len(self.statements))
+        seen, goals = seen_tasks(game, roles, statement_of, targets, len(self.statements))
         return self.table.states(statements, seen, boxes_of, goals)
 
 
@@ -129,7 +155,8 @@ class RolloutPlayer:
         """A rollout of the recipe's length."""
         recipe, arrays = self._recipe, self._arrays
         legal = arrays.game.dynamics.appearance.action_count if recipe.mask else 0
-        rollout = Rollout(arrays.game, self._sampler.statements, recipe.rollout // recipe.envs, recipe.envs, legal)
+        turns, central = recipe.rollout // recipe.envs, recipe.critic == "central"
+        rollout = Rollout(arrays.game, self._sampler.statements, turns, recipe.envs, legal, central=central)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
         for turn in range(len(rollout.ended)):
@@ -156,9 +183,8 @@ class RolloutPlayer:
         for role in self._learners:
             moving = np.flatnonzero(arrays.movers[role])
             if len(moving):
-                seen, context = read_situations(arrays, role, moving)
-                states = self._states(rollout, role, moving, rollout.table.item_indices(seen))
-                rollout.last_values[role, moving] = as_numpy(evaluate(role, states, context, None)[1])
+                situations = [self._situation(rollout, seen, role, moving) for seen in rollout.seen]
+                rollout.last_values[role, moving] = as_numpy(evaluate(role, situations, None)[1])
         return rollout
 
     def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
@@ -177,8 +203,7 @@ class RolloutPlayer:
         """Both agents' actions (2, N)."""
         arrays = self._arrays
         actions = np.zeros((len(Role), self._recipe.envs), np.int64)
-        cached: tuple[Int64Array, States] | None = None  # by equal views both see the same in a simultaneous protocol
-        shares_states = not arrays.game.turn_based and self._game.views[0] == self._game.views[1]
+        latest: Situation | None = None  # of the other agent
         for role in Role:
             moving = np.flatnonzero(arrays.movers[role])
             if not len(moving):
@@ -190,27 +215,36 @@ class RolloutPlayer:
                         own_turn = BatchTurn(arrays, role, played, self._episodes[played], [rng] * len(played))
                         actions[role, played] = batch_actions(partner, own_turn)
                 continue
-            seen, context = read_situations(arrays, role, moving)
-            if cached is None or not shares_states:
-                boxes_of = rollout.table.item_indices(seen)
-                cached = boxes_of, self._states(rollout, role, moving, boxes_of)
-            boxes_of, states = cached
+            own = role, turn, moving
+            situations: list[Situation] = []
+            for seen in rollout.seen:
+                situation = self._situation(rollout, seen, role, moving, latest)
+                situations.append(situation)
+                seen.boxes_of[own], seen.context[own] = situation.boxes_of, situation.context
+            latest = None if arrays.game.turn_based else situations[0]
             legal = None
             if role is Role.PROPOSER and self._recipe.mask:
-                masks, refused = arrays.masks(role, moving), context[:, REFUSED] - 1
+                masks, refused = arrays.masks(role, moving), situations[0].context[:, REFUSED] - 1
                 legal = rollout.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
-            policy, values = evaluate(role, states, context, legal)
+            policy, values = evaluate(role, situations, legal)
             chosen = policy.act(lambda part: part.sample(rng))
-            own = role, turn, moving
-            rollout.acted[own], rollout.boxes_of[own], rollout.context[own] = True, boxes_of, context
+            rollout.acted[own] = True
             actions[role, moving] = rollout.actions[own] = chosen
             rollout.log_probabilities[own] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
             rollout.values[own] = as_numpy(values)
         return actions
 
-    def _states(self, rollout: Rollout, role: Role, indices: Int64Array, boxes_of: Int64Array) -> States:
-        tasks = self._arrays.tasks[indices]
-        return rollout.states(role, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks])
+    def _situation(
+        self, rollout: Rollout, seen: Seen, role: Role, indices: Int64Array, latest: Situation | None = None
+    ) -> Situation:
+        """What an agent in games (k,) sees, or a critic beside it. `latest`: what the other one has seen there."""
+        game, arrays = seen.game, self._arrays
+        items, context = read_situations(arrays, role, indices, game)
+        if latest is not None and game is arrays.game and game.views[0] == game.views[1]:
+            return latest._replace(context=context)  # so that a shared network encodes its states once
+        tasks, boxes_of = arrays.tasks[indices], rollout.table.item_indices(items)
+        statements, targets = self._sampler.statement_of[tasks], self._targets[tasks]
+        return Situation(rollout.states(game, role, statements, boxes_of, targets), boxes_of, context)
 
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:

@@ -29,14 +29,13 @@ from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model_file import weights_digest
 from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
-from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
 from lilgym_mp.learning.game.agent import GameAgent, load_agent, network_names
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, own_turn_advantages
+from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, Seen, Situation, own_turn_advantages
 from lilgym_mp.learning.game.situations import check_claims
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
@@ -119,7 +118,9 @@ class GameRun(TrainingRun):
         given = {} if start_from is None else open_agent(start_from, "cpu").box_transformers()
         torch.manual_seed(recipe.seed)
         self._actors = self._make_networks(given, game)
-        self.networks = nn.ModuleDict(self._actors).to(self.device)
+        self._critics = self._make_networks(given, game.showing_everything()) if recipe.critic == "central" else {}
+        critics = {f"critic_{name}": network for name, network in self._critics.items()}
+        self.networks = nn.ModuleDict({**self._actors, **critics}).to(self.device)
         self.trained_parameters = sum(network.trained_parameters for network in self._actors.values())
         identity = {
             "learner": GameAgent.kind,
@@ -132,7 +133,7 @@ class GameRun(TrainingRun):
         }
         self.begin(identity)
         self._network_of = network_names(self.roles, recipe)
-        self._optimisers = {name: make_optimiser(network, recipe) for name, network in self._actors.items()}
+        self._optimisers = {name: make_optimiser(nn.ModuleList(self._networks(name)), recipe) for name in self._actors}
         self._rng = np.random.default_rng(recipe.seed)
         self._player = RolloutPlayer(game, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
@@ -166,12 +167,20 @@ class GameRun(TrainingRun):
         )
 
     def _evaluate(
-        self, role: Role, states: States, context: Int64Array, legal: BoolArray | None, rows: Tensor | None = None
+        self, role: Role, situations: Sequence[Situation], legal: BoolArray | None, rows: Sequence[Tensor] = ()
     ) -> tuple[AgentPolicy, Tensor]:
-        """The policy and values of an agent in the states' `rows` (None: all)."""
-        network = self._actors[self._network_of[role]]
-        encoded = network.encode(states)
-        return network.policy(role, encoded if rows is None else encoded.rows(rows), context, legal)
+        """The policy and values of an agent in `rows` of each situation's states, by default all."""
+        networks = self._networks(self._network_of[role])
+        encoded = [network.encode(one.states) for network, one in zip(networks, situations, strict=True)]
+        encoded = [states.rows(some) for states, some in zip(encoded, rows, strict=True)] if rows else encoded
+        policy, values = networks[0].policy(role, encoded[0], situations[0].context, legal)
+        if self._critics:
+            values = networks[1].values(encoded[1], situations[1].context)
+        return policy, values
+
+    def _networks(self, name: str) -> list[GameNetwork]:
+        """An agent's network, and its critic if that is central."""
+        return [self._actors[name], self._critics[name]] if self._critics else [self._actors[name]]
 
     # Learning
 
@@ -183,7 +192,7 @@ class GameRun(TrainingRun):
         self.networks.eval()
         rollout = self._player.play(self._evaluate, self._rng)
         self.networks.train()
-        for network in self._actors.values():
+        for network in (*self._actors.values(), *self._critics.values()):
             network.clear_cache()
         losses: dict[str, Losses] = {}
         for name, optimiser in self._optimisers.items():
@@ -221,13 +230,7 @@ class GameRun(TrainingRun):
         """The current policies and values of m turns, given by agent and index in (T, N); scenes that both agents judge
         are encoded once."""
         turns, games = np.divmod(cells, rollout.ended.shape[1])
-        boxes_of, context = rollout.boxes_of[role_of, turns, games], rollout.context[role_of, turns, games]
-        state_keys = cells  # with equal views both agents see one state in a turn
-        if rollout.game.views[0] != rollout.game.views[1]:
-            state_keys = cells + role_of * rollout.ended.size
-        _, firsts, state_of = np.unique(state_keys, return_index=True, return_inverse=True)
-        statement_of, targets = (each.reshape(-1)[cells[firsts]] for each in (rollout.statement_of, rollout.targets))
-        states = rollout.states(role_of[firsts], statement_of, boxes_of[firsts], targets)
+        whole = [self._situation(rollout, seen, role_of, cells) for seen in rollout.seen]
         policies: list[tuple[Tensor, AgentPolicy]] = []
         values = torch.zeros(len(cells), device=self.device)
         for role in Role:
@@ -237,11 +240,27 @@ class GameRun(TrainingRun):
             legal = None
             if role is Role.PROPOSER and self.recipe.mask:
                 legal = rollout.legal[turns[mine], games[mine]]
-            rows, encoded_rows = (torch.from_numpy(each).to(self.device) for each in (mine, state_of[mine]))
-            policy, found = self._evaluate(role, states, context[mine], legal, encoded_rows)
+            situations = [one._replace(context=one.context[mine]) for one, _ in whole]
+            encoded = [torch.from_numpy(state_of[mine]).to(self.device) for _, state_of in whole]
+            policy, found = self._evaluate(role, situations, legal, encoded)
+            rows = torch.from_numpy(mine).to(self.device)
             policies.append((rows, policy))
             values = values.index_copy(0, rows, found)
         return _MixedPolicy(policies), values
+
+    def _situation(
+        self, rollout: Rollout, seen: Seen, role_of: Int64Array, cells: Int64Array
+    ) -> tuple[Situation, Int64Array]:
+        """What was seen in m turns, with distinct states alone, and which of them each turn has (m,)."""
+        turns, games = np.divmod(cells, rollout.ended.shape[1])
+        boxes_of, context = seen.boxes_of[role_of, turns, games], seen.context[role_of, turns, games]
+        state_keys = cells  # with equal views both agents see one state in a turn
+        if seen.game.views[0] != seen.game.views[1]:
+            state_keys = cells + role_of * rollout.ended.size
+        _, firsts, state_of = np.unique(state_keys, return_index=True, return_inverse=True)
+        statement_of, targets = (each.reshape(-1)[cells[firsts]] for each in (rollout.statement_of, rollout.targets))
+        states = rollout.states(seen.game, role_of[firsts], statement_of, boxes_of[firsts], targets)
+        return Situation(states, boxes_of, context), state_of
 
     def _learn_claims(self, rollout: Rollout) -> list[tuple[float, float]]:
         """Optimiser steps on remembered claims; losses and accuracies."""

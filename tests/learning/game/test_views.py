@@ -12,10 +12,20 @@ import pytest
 import torch
 
 from lilgym_mp.cli import main
-from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames, GameSettings, Role, View, measure, parallel_env
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    PROTOCOLS,
+    BatchedGames,
+    GameSettings,
+    Role,
+    View,
+    measure,
+    parallel_env,
+)
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn
+from lilgym_mp.envs.proposer_verifier.rewards import TERMS
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -70,6 +80,42 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algo
         logits[role] = choice.probabilities() if role is Role.PROPOSER else choice._log_probs
     assert torch.allclose(logits[Role.PROPOSER], logits[Role.PROPOSER][:1], atol=1e-6)
     assert not torch.allclose(logits[Role.VERIFIER], logits[Role.VERIFIER][:1], atol=1e-6)
+
+
+@pytest.mark.parametrize("algorithm", ["independent", "shared"])
+def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Path, algorithm: str):
+    recipe = replace(SMALL, algorithm=algorithm, critic="central")
+    run = Run(GUIDED, recipe, tmp_path / "run", steps=128)
+    run.step()
+    (name, critic), *_ = run._critics.items()
+    actor = run._actors[name]
+    rollout = run._player.play(run._evaluate, np.random.default_rng(0))
+    own, central = rollout.seen
+    cells = np.flatnonzero(rollout.acted[Role.PROPOSER])
+    roles = np.zeros_like(cells)
+    (blind, of_blind), (whole, of_whole) = (run._situation(rollout, seen, roles, cells) for seen in (own, central))
+    assert blind.states.statements == ("",)
+    assert len(whole.states.statements) > 1
+    with torch.no_grad():
+        values = critic.values(critic.encode(whole.states).rows(torch.from_numpy(of_whole)), whole.context)
+        assert rollout.values[Role.PROPOSER].reshape(-1)[cells] == pytest.approx(values.numpy(), abs=1e-5)
+        alone = actor.values(actor.encode(blind.states).rows(torch.from_numpy(of_blind)), blind.context)
+        assert not torch.allclose(values, alone)
+    agent = trained(tmp_path / "saved", GUIDED, recipe)
+    assert {*agent.network.state_dict()} == {key for key in run.networks.state_dict() if not key.startswith("critic_")}
+
+
+def test_own_protocols_and_terms__train_and_play_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(PROTOCOLS, "claims", replace(PROTOCOLS["audit"], name="claims"))
+    monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
+    rewards = json.dumps({"proposer_0": {"mdp": 1, "boldness": 0.1}, "verifier_0": "correctness"})
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
+    run = str(tmp_path / "run")
+    game = ["--protocol", "claims", "--rewards", rewards]
+    assert main(["train", "game", "TowerScratch", *game, *small, "--steps", "64", "--out", run]) == 0
+    env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
+    agent = open_agent(Path(run), "cpu")
+    assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
 
 
 def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path: Path):
