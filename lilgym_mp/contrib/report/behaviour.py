@@ -56,8 +56,7 @@ INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
     "on top": (InvalidReason.OVERLAP,),
 }
 NO_ACTION = "no action"  # of a language model's last answer
-STOPS = ("direct stop", "early stop", "erroneous stop", "later stop")
-ERROR_KINDS = (*INVALID_REASON_GROUPS, *STOPS, "horizon", NO_ACTION)
+ERROR_KINDS = (*INVALID_REASON_GROUPS, "direct stop", "early stop", "erroneous stop", "later stop", "horizon")
 STOP_NOTE = (
     "A wrong STOP is direct if it is the first action, early if the expert needs fewer actions from there than from the"
     " start, and otherwise erroneous. A later STOP is early or erroneous; the expert was not run (--optimal) or knows"
@@ -87,7 +86,7 @@ def errors(data: ReportData) -> Iterator[Item]:
     for configuration in data.configurations:
         for entry in data.of(configuration):
             kinds = [kind for run in entry.runs for episode in run.episodes if (kind := error_kind(episode))]
-            shares = [100 * kinds.count(kind) / len(kinds) if kinds else None for kind in ERROR_KINDS]
+            shares = [100 * kinds.count(kind) / len(kinds) if kinds else None for kind in (*ERROR_KINDS, NO_ACTION)]
             if NO_ACTION not in kinds:
                 shares[-1] = None
             rows.append([entry.agent, configuration, len(kinds), *shares])
@@ -97,7 +96,7 @@ def errors(data: ReportData) -> Iterator[Item]:
                 rows.append([f"{model} †", configuration, 50, *shares, None, None, None])
     title = f"Errors on {data.main_split}, in per cent of failed episodes"
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
-    yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
+    yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS, NO_ACTION), rows, note)
 
 
 BINS = 10  # bins of the probability of STOP
@@ -143,7 +142,7 @@ def failures(data: ReportData) -> Iterator[Item]:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:
                 examples[kind] = film_strip(run, episode, kind)
-        shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
+        shown = [examples[kind] for kind in (*ERROR_KINDS, NO_ACTION) if kind in examples]
         if shown:
             yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)
 
