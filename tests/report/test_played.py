@@ -83,6 +83,11 @@ def test_conversations__keep_the_outcome_of_answers_without_an_action(run: Path)
         ("summary.json", "{}", "there is no 'settings'"),
         ("transcripts.jsonl", "7\n", "no run of `llm play` that can be read"),
         ("transcripts.jsonl", "", "has no episodes yet"),
+        (
+            "transcripts.jsonl",
+            '{"task": "t0", "statement": "There is a blue block.", "outcome": "success", "actions": [7]}\n',
+            "no run of `llm play` that can be read",
+        ),
     ],
 )
 def test_conversations__of_damaged_files_are_refused(run: Path, file: str, content: str, message: str):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.llm import Episode as Conversation
 from lilgym_mp.corpus import contexts
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
@@ -38,17 +37,11 @@ def conversations(directory: Path) -> Recording:
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
         split, option = given["split"], dict(given["option"])
         *lines, _ = (directory / TRANSCRIPTS).read_text(encoding="utf-8").split("\n")  # the last may be cut
-        played = [
-            Conversation.from_json(record)
-            for line in lines
-            if line
-            for record in [json.loads(line)]
-            if "error" not in record
-        ]
+        records = [json.loads(line) for line in lines if line]
         tasks = settings.tasks(split)
         if given["tasks_sha256"] != tasks.provenance.sha256:
             raise ValueError(f"was played with other tasks than those of {tasks.provenance}")
-        episodes = [_episode(conversation, settings, split) for conversation in played]
+        episodes = [_episode(record, settings, split) for record in records if "error" not in record]
         label = " ".join(filter(None, [str(given["agent"]), str(option.get("model") or option.get("directory") or "")]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise EpisodesError(f"{directory}: no run of `llm play` that can be read: {_reason(error)}") from None
@@ -59,17 +52,20 @@ def conversations(directory: Path) -> Recording:
 
 
 def _reason(error: Exception) -> str:
+    if isinstance(error, TypeError | AttributeError):
+        return "a value is of another type than `llm play` writes"
     return f"there is no {error}" if isinstance(error, KeyError) else str(error)
 
 
-def _episode(conversation: Conversation, settings: EnvConfig, split: str) -> Episode:
-    task = settings.tasks(split).by_id(conversation.task)
-    if task.statement != conversation.statement:
-        raise ValueError(f"the statement of task {task.id} was {shown(conversation.statement)} when it was played")
+def _episode(record: Mapping[str, Any], settings: EnvConfig, split: str) -> Episode:
+    task = settings.tasks(split).by_id(record["task"])
+    if task.statement != record["statement"]:
+        raise ValueError(f"the statement of task {task.id} was {shown(record['statement'])} when it was played")
     dynamics = settings.dynamics()
-    actions = [named(name) for name in conversation.actions]
-    if conversation.outcome in FINAL_OUTCOMES:
-        return Episode.of(task, actions, conversation.outcome, dynamics, tags=task.tags)
+    actions = [named(name) for name in record["actions"]]
+    outcome = str(record["outcome"])
+    if outcome in FINAL_OUTCOMES:
+        return Episode.of(task, actions, outcome, dynamics, tags=task.tags)
     signals = dynamics.rules.signals
     before = (signals[Outcome.CONTINUES].reward,) * len(actions)
     return Episode(
@@ -78,7 +74,7 @@ def _episode(conversation: Conversation, settings: EnvConfig, split: str) -> Epi
         program=task.program,
         target=task.target,
         tags=task.tags,
-        outcome=conversation.outcome,
+        outcome=outcome,
         actions=tuple(actions),
         rewards=(*before, signals[Outcome.INVALID_ACTION].reward),
         start=task.start,
