@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
@@ -22,6 +23,8 @@ from lilgym_mp.corpus.synthesis import synthesize
 from lilgym_mp.corpus.writing import entry_json, flipit_entries, header_json, task_rows, write_lines
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
 from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
 
@@ -158,17 +161,30 @@ def _generate(args: argparse.Namespace) -> int:
 
 def _synthesize(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "starts")
-    entries = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
+    found = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
+    entries = [entry for entry in found if args.starts < 2 or not _is_always_true(entry)]
     _write_corpus(args, f"{args.corpus}, synthesized starts, seed {args.seed}", entries)
     labels = [start["label"] for entry in entries for start in entry["starts"]]
     true = sum(labels)
     print(f"{len(entries)} statements, {len(labels)} start scenes, {true} true and {len(labels) - true} false")
+    for entry in found:
+        if entry not in entries:
+            print(f"left out, as no scene was found that makes it false: {entry['id']!r}: {entry['statement']}")
     for entry in entries:
         values = {start["label"] for start in entry["starts"]}
         if len(values) < 2 <= args.starts:
-            found = f"only {values.pop()}".lower() if values else "no"
-            print(f"note: {found} start scenes found for {entry['id']!r}: {entry['statement']}")
+            those = f"only {values.pop()}".lower() if values else "no"
+            print(f"note: {those} start scenes found for {entry['id']!r}: {entry['statement']}")
     return 0
+
+
+def _is_always_true(entry: Mapping[str, Any]) -> bool:
+    """Whether the entry's program is true in all its start scenes and in the empty scene."""
+    try:
+        empty = compile_program(entry["program"]).evaluate(Scene.empty())
+    except ProgramRuntimeError:
+        return False
+    return empty and {start["label"] for start in entry["starts"]} == {True}
 
 
 def _permute(args: argparse.Namespace) -> int:

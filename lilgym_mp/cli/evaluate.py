@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -36,6 +37,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.settings import VIEWS_HELP, read_views
 from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.game_partners import MESSAGE_CHANGES
 from lilgym_mp.evaluation.policies import (
@@ -54,11 +56,14 @@ from lilgym_mp.evaluation.results import EvaluationPlan, Result, play, playable,
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, listed
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
     from lilgym_mp.learning.common.model_file import ModelDescription
+
+
+SHOWN_TASKS = 5  # of those that the expert does not solve
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -177,33 +182,78 @@ def run(args: argparse.Namespace) -> int:
             results += _played(named, plan, args, progress)
             print(f"{plan}: done", flush=True)
     print(f"\n{results_text(results)}")
+    for line in unsolved_lines(results):
+        print(line)
     if args.out is not None:
-        write_json(args.out, results_json(results))
+        data = results_json(results)
+        for row, result in zip(data["results"], results, strict=True):
+            row["items"] = [_item(episode) for episode in result.episodes]
+        write_json(args.out, data)
         print(f"results: {args.out}")
     return 0
+
+
+def _item(episode: Episode) -> dict[str, object]:
+    """What an agent did in an episode, beside the task."""
+    data = episode.to_json()
+    names = ("task", "statement", "program", "target", "outcome", "invalid_reason", "actions")
+    return {**{name: data[name] for name in names}, "reward": episode.reward}
+
+
+def unsolved_lines(results: Sequence[Result]) -> Iterator[str]:
+    """Why the expert fails, with the tasks: a line for each configuration and reason."""
+    for result in results:
+        settings = result.plan.settings
+        tasks = settings.tasks(result.plan.split)
+        failed = [episode.task for episode in result.episodes if not episode.is_success]
+        if result.named != BUILT_IN_POLICIES["expert"] or not failed:
+            continue
+        from lilgym_mp.solver import Solver
+
+        dynamics = settings.dynamics()
+        solver = Solver(dynamics)
+        reasons = defaultdict[str, list[str]](list)
+        for name in dict.fromkeys(failed):
+            solution = solver.solve(tasks.by_id(name))
+            reasons[solution.reason or str(solution.status)].append(name)
+        for reason, names in reasons.items():
+            shown = listed(names[:SHOWN_TASKS])
+            yield f"expert, {settings.configuration}: {len(names)} tasks failed: {reason} ({shown})"
 
 
 def _score_parses(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
     """Prints the accuracy of the agents' parsers on the split's statements, in percent."""
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.scoring import ParseScore, parse_scores
+    from lilgym_mp.learning.parsing.scoring import ParseItem, ParseScore, parse_scores
 
     if not agents or args.policy or args.record is not None or args.configuration:
         raise CommandError("--parses needs agents, and neither --policy, --record nor --configuration")
     corpus = given_environment(args).get("corpus", "builtin")
     found: dict[str, list[ParseScore]] = {}
+    items: dict[str, list[ParseItem]] = {}
     for run, agent in agents.items():
         if not isinstance(agent, ParseAndPlanAgent):
             raise CommandError(f"{run} is of kind {agent.description.kind}, which has no parser")
         sets = load_all_tasks(corpus, starts=[SCRATCH], splits=[args.split])
         count = sum(len({(task.statement, task.program) for task in tasks}) for tasks in sets)
         with Progress(count, "statements") as progress:
-            found[str(run)] = list(parse_scores(agent.parser, corpus, args.split, progress.advance))
+            parsed = items[str(run)] = list[ParseItem]()
+
+            def on_item(item: ParseItem, parsed: list[ParseItem] = parsed, progress: Progress = progress) -> None:
+                parsed.append(item)
+                progress.advance()
+
+            trained_on = agent.description.recipe.get("corpus")
+            found[str(run)] = list(parse_scores(agent.parser, corpus, args.split, on_item, trained_on))
     rows = [[run, *score[:3], *(100 * share for share in score[3:])] for run in found for score in found[run]]
     print(f"parsers on corpus {corpus}, split {args.split}, in percent of statements")
     print(text_table(["agent", *(name.replace("_", " ") for name in ParseScore._fields)], rows))
     if args.out is not None:
-        write_json(args.out, {run: [score._asdict() for score in scores] for run, scores in found.items()})
+        written = {
+            run: {"totals": [score._asdict() for score in found[run]], "items": [item._asdict() for item in items[run]]}
+            for run in found
+        }
+        write_json(args.out, written)
         print(f"results: {args.out}")
     return 0
 
@@ -212,13 +262,13 @@ def _played(
     named: Sequence[NamedPolicy], plan: EvaluationPlan, args: argparse.Namespace, progress: Progress
 ) -> Iterator[Result]:
     """The policies' results, each recorded with --record as soon as it is there."""
-    seen = training_statements(plan.settings)
     judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
-    recorder = None if args.record is None else Recorder(plan.settings, plan.split, seen, **judging)
+    recorder = None if args.record is None else Recorder(plan.settings, plan.split, (), **judging)
     for policy in playable(named, plan):
+        seen = training_statements(plan.settings, policy)
         result = play(policy, plan, seen, lambda episode: progress.advance())
         if recorder is not None and args.record is not None:
-            path = recorder.write(args.record, result)
+            path = recorder.write(args.record, result, seen)
             write_metadata(path, args.argv)
             print(f"episodes: {path}", flush=True)
         yield result

@@ -8,13 +8,15 @@ scenes in which it is true and false.
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import json
 import random
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.cli.options import (
     CommandError,
@@ -28,7 +30,7 @@ from lilgym_mp.corpus.records import SPLITS, STARTS, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.evaluation.terminal import hanging, shows_colours
+from lilgym_mp.evaluation.terminal import Progress, hanging, shows_colours
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.tracing import trace
@@ -39,9 +41,11 @@ from lilgym_mp.scene.render.characters import ruled, text
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+    from lilgym_mp.learning.parsing.parser import Parse
 
 DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
 DEFAULT_CONFIGURATION = "TowerScratch"
+SENTENCE_COLUMNS = ("sentence", "statement")  # of a CSV file, the first that it has
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +68,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"run directory, or name of a shipped agent (default: {DEFAULT_AGENT})",
     )
     parser.add_argument(
-        "--file", type=Path, metavar="FILE", help="parse every statement of a text file, one a line; needs --json"
+        "--file",
+        type=Path,
+        metavar="FILE",
+        help="parse every statement of a text file, one a line, or of the column sentence or statement of a CSV file;"
+        " needs --json",
     )
     parser.add_argument(
         "--json", action="store_true", help="with --file: print words, corrections and candidate programs as JSON"
@@ -104,7 +112,8 @@ def run(args: argparse.Namespace) -> int:
     settings, task = _settings_and_task(args)
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
-    plan = planner.plan(task.start, statement, task.target)
+    find = planner.short_plan if args.task is None else planner.plan
+    plan = find(task.start, statement, task.target)
     width = get_terminal_size((100, 24)).columns
     print("\n".join(hanging(line, width) for line in explanation_lines(plan, planner, statement, task.target)))
     *edits, _ = plan.actions
@@ -120,22 +129,53 @@ def run(args: argparse.Namespace) -> int:
 def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
     """Prints a JSON array with an object for each statement, as soon as it is parsed."""
     settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
-    content, _ = read_text(args.file)
-    statements = [line for line in content.splitlines() if line.strip()]
+    sentences = list(_sentences(args.file))
     appearance = agent.planner(settings).dynamics.appearance.name
-    for index, statement in enumerate(statements):
-        parse = agent.parser.parse(statement, appearance)
-        found = [{"program": found.program, "probability": round(found.probability, 4)} for found in parse.candidates]
-        line = {
-            "statement": statement,
-            "words": parse.words[1:],
-            "corrections": parse.corrections,
-            "unknown": parse.unknown,
-            "programs": found,
-        }
-        print(f"{',' if index else '['}{json.dumps(line, ensure_ascii=False)}", flush=True)
+    with Progress(len(sentences), "statements") as progress:
+        for index, (place, statement) in enumerate(sentences):
+            found = {"words": [], "corrections": {}, "unknown": [], "uncertain": [], "programs": []}
+            if statement.strip():
+                found = _parse_json(agent.parser.parse(statement, appearance))
+            line = json.dumps({**place, "statement": statement, **found}, ensure_ascii=False)
+            print(f"{',' if index else '['}{line}", flush=True)
+            progress.advance()
     print("]")
     return 0
+
+
+def _parse_json(parse: Parse) -> dict[str, Any]:
+    return {
+        "words": parse.words[1:],
+        "corrections": parse.corrections,
+        "unknown": parse.unknown,
+        "uncertain": parse.uncertain,
+        "programs": [
+            {"program": found.program, "probability": round(found.probability, 4)} for found in parse.candidates
+        ],
+    }
+
+
+def _sentences(path: Path) -> Iterator[tuple[dict[str, Any], str]]:
+    """The statements with their lines, blank ones too; of a CSV file with their ids. Raises CommandError."""
+    content, _ = read_text(path)
+    if path.suffix.lower() != ".csv":
+        for number, line in enumerate(content.removesuffix("\n").split("\n"), start=1):
+            yield {"line": number}, line.removesuffix("\r")
+        return
+    reader = csv.reader(io.StringIO(content, newline=""))
+    try:
+        header = [name.strip().lower() for name in next(reader)]
+        column = next((header.index(name) for name in SENTENCE_COLUMNS if name in header), None)
+        if column is None:
+            raise CommandError(f"{path}: no column {' or '.join(SENTENCE_COLUMNS)} in its header {', '.join(header)}")
+        before = reader.line_num
+        for row in reader:
+            cells = dict(zip(header, row, strict=False))
+            name = {"id": cells["id"]} if "id" in cells else {}
+            yield {"line": before + 1, **name}, row[column] if len(row) > column else ""
+            before = reader.line_num
+    except csv.Error as error:
+        raise CommandError(f"{path}, line {reader.line_num}: {error}") from None
 
 
 def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:

@@ -42,6 +42,7 @@ class CorpusReport:
         counts = [
             f"{count.appearance} {count.start} {count.split}: {count.tasks} tasks, {count.contexts} contexts"
             for count in self.counts
+            if count.tasks
         ]
         absent = [f"missing: {name}" for name in self.absent_files]
         faults = [f"fault: {fault}" for fault in self.faults] or ["no faults"]

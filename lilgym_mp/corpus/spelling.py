@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Collection, Iterator
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -18,6 +19,8 @@ CONTRACTIONS = (
     ("isnt", "is not"),
     ("arent", "are not"),
     ("dont", "do not"),
+    ("ain't", "is not"),
+    ("cannot", "can not"),
 )
 LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
 MIN_LENGTH = 3  # shortest word that a correction gives
@@ -25,10 +28,17 @@ MIN_REPLACED = 4  # letters; in shorter words no letter is replaced
 MIN_VARIED = 5  # letters; a shorter well-spelt word is kept, a longer one can become a variant ("colours": "colors")
 MIN_BEHEADED = 5  # letters; shorter words do not get a first letter
 CACHED_WORDS = 20_000
+FULL_WIDTH = 0xFEE0  # between a full-width sign and its ASCII form
 _WORD = re.compile(r"""[^\W\d_]+|[0-9]+|[^\w\s.,;:!?'"()/*…“”‘’–—-]+""")  # letters, digits or signs such as ">"
 _INTERJECTION = re.compile(r"\W*[^\W\d_]+\W*,")
 _NOT = re.compile(r"n't\b")
 _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
+_NO = (  # ways to say that there is no such thing, which statements of the corpora say with "no"
+    (re.compile(r"\bthere (is|are) not an?\b(?! single)"), r"there \1 no"),
+    (re.compile(r"\bthere (?:does|do) not exist (?:a single|an?|any)\b"), "there is no"),
+    (re.compile(r"\bthere exists? no\b"), "there is no"),
+    (re.compile(r"^(\W*)(?:a single|an?|any) ([^,;]*?) (?:does|do) not exist\b(?=\W*$)"), r"\1there is no \2"),
+)
 _POSSESSIVE = re.compile(r"'s\b|'")
 
 
@@ -81,11 +91,24 @@ def plain_words(statement: str) -> list[str]:
 
 def _typed_words(statement: str) -> list[str]:
     """The words of the statement, and signs, in lower case and without contractions; numbers without leading zeros."""
-    text = statement.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
+    text = "".join(map(_plain_sign, statement.lower())).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     for short, long in CONTRACTIONS:
         text = re.sub(rf"\b{short}\b", long, text)
-    text = _POSSESSIVE.sub("", _IS.sub(r"\1 is", _NOT.sub(" not", text)))
+    text = _IS.sub(r"\1 is", _NOT.sub(" not", text))
+    for pattern, plain in _NO:
+        text = pattern.sub(plain, text)
+    text = _POSSESSIVE.sub("", text)
     return [word.lstrip("0") or "0" if word.isdigit() else word for word in _WORD.findall(text)]
+
+
+def _plain_sign(sign: str) -> str:
+    """The ASCII form of a digit of any script and of a full-width sign; others as they are."""
+    if sign.isascii():
+        return sign
+    digit = unicodedata.decimal(sign, None)
+    if digit is not None:
+        return str(digit)
+    return chr(ord(sign) - FULL_WIDTH) if "\uff01" <= sign <= "\uff5e" else sign
 
 
 def _with_first_letter(words: list[str]) -> list[str]:

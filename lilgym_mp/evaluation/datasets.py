@@ -26,6 +26,7 @@ from PIL import Image
 
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.corpus.extras import install
+from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
@@ -79,9 +80,13 @@ def recorded(paths: Iterable[Path]) -> Iterator[Source]:
         if not files:
             raise DatasetError(f"{path}: has no recordings, whose names end in {SUFFIX}")
         for file in files:
-            with file.open("rb") as opened:
-                is_database = opened.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
-            yield from _played_in_browsers(file) if is_database else [_recording(file)]
+            yield from _played_in_browsers(file) if is_database(file) else [_recording(file)]
+
+
+def is_database(file: Path) -> bool:
+    """Whether it is an SQLite file, such as the database of the web server."""
+    with file.open("rb") as opened:
+        return opened.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
 
 
 def _recording(file: Path) -> Source:
@@ -98,15 +103,23 @@ def _played_in_browsers(file: Path) -> Iterator[Source]:
     columns = "corpus, configuration, rules, split, player, task_id, outcome, actions"
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+            known = {row[1] for row in connection.execute("PRAGMA table_info(played_episodes)")}
+            columns += ", statement" if "statement" in known else ", NULL"  # an older database
             query = f"SELECT {columns} FROM played_episodes WHERE outcome IS NOT NULL ORDER BY created, id"
             rows = connection.execute(query).fetchall()
     except sqlite3.Error as error:
         raise DatasetError(f"{file}: has no played episodes that can be read: {error}") from None
-    for corpus, configuration, rules, split, player, task_id, outcome, actions in rows:
+    for corpus, configuration, rules, split, player, task_id, outcome, actions, statement in rows:
         settings = EnvConfig(configuration, corpus=corpus, rules=rules)
         dynamics = settings.dynamics()
         played = list(map(dynamics.appearance.decode, json.loads(actions)))
-        episode = Episode.of(settings.tasks(split).by_id(task_id), played, outcome, dynamics)
+        task = settings.tasks(split).by_id(task_id)
+        if statement not in (None, task.statement):
+            raise DatasetError(
+                f"{file}: the statement of task {task.id} was {shown(statement)} when it was played,"
+                f" and is {shown(task.statement)} in corpus {settings.corpus!r}"
+            )
+        episode = Episode.of(task, played, outcome, dynamics, tags=task.tags)
         yield Source(settings, split, player or "player", [episode])
 
 

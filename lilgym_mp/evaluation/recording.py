@@ -52,18 +52,26 @@ class Recorder:
         env = settings.make(split)
         self._tasks: TaskSet = env.tasks
         self._dynamics: Dynamics = env.dynamics
-        self._training_statements = set(training_statements)
-        self._training_forms = set(map(statement_form, self._training_statements))
+        self._set_seen(training_statements)
         self._with_expert = with_expert
         self._judges_decisions = judges_decisions
         self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
+
+    def _set_seen(self, training_statements: Collection[str]) -> None:
+        self._training_statements = set(training_statements)
+        self._training_forms = set(map(statement_form, self._training_statements))
 
     @cached_property
     def _solver(self) -> Solver:
         return Solver(self._dynamics)
 
-    def write(self, directory: Path, result: Result) -> Path:
-        """Writes the result's episodes to a file in the directory; returns its path. Raises OutputError."""
+    def write(self, directory: Path, result: Result, training_statements: Collection[str] | None = None) -> Path:
+        """Writes the result's episodes to a file in the directory; returns its path. Raises OutputError.
+
+        `training_statements`: of this policy and those after it, if others than before.
+        """
+        if training_statements is not None:
+            self._set_seen(training_statements)
         plan = result.plan
         path = episodes_file(writable_directory(directory), result.named, plan.settings, plan.split, plan.seed)
         write_episodes(path, self._header(result), [self.recorded(episode) for episode in result.episodes])

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from decimal import ROUND_HALF_UP, Decimal
 from typing import Any
 
-from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
+from lilgym_mp.corpus import CorpusError, NoTasksError, contexts, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
 from lilgym_mp.evaluation.policies import NamedPolicy, as_policy
@@ -44,7 +44,7 @@ class SuccessCount:
 class Summary:
     """Statistics of a policy on a split."""
 
-    seen: SuccessCount  # statements that occur verbatim in the training tasks
+    seen: SuccessCount  # statements that occur verbatim in the tasks that the policy was trained on
     unseen: SuccessCount
     mean_reward: float
     mean_length: float  # mean number of actions
@@ -178,10 +178,19 @@ def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> l
     return [named for named in named_policies if plan.settings.configuration in named.configurations]
 
 
-def training_statements(settings: EnvConfig) -> set[str]:
-    """The statements of the settings' training split; none if the corpus has no such split."""
+def training_statements(settings: EnvConfig, named: NamedPolicy | None = None) -> set[str]:
+    """The statements of the training split of the corpus that the policy was trained on; else of the settings' corpus.
+
+    None if that corpus has no such split, or is not here.
+    """
+    recipe = {} if named is None else named.details.get("recipe", {})
+    trained_on = recipe.get("corpus", settings.corpus)
     try:
-        tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+        tasks = load_tasks(trained_on, settings.appearance, settings.start, TRAINING_SPLIT)
     except NoTasksError:
+        return set()
+    except CorpusError:
+        if trained_on == settings.corpus:
+            raise
         return set()
     return {task.statement for task in tasks}

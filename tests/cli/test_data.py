@@ -141,3 +141,16 @@ def test_output__is_overwritten_only_with_force(command: str, data: Run, error_o
     assert path.read_text() != "precious"
     assert f"cannot write results to {own}" in error_of(command, own, "--output", own / "new.jsonl")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["new.jsonl", "own.jsonl"]
+
+
+def test_check_and_synthesize__list_no_empty_sets_and_leave_out_what_is_always_true(data: Run, tmp_path: Path):
+    blue = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
+    rows = [
+        {"id": name, "appearance": "tower", "split": "dev", "statement": name, "program": program, "starts": []}
+        for name, program in [("blue", blue), ("always", f"{blue} or not {blue}"), ("never", f"{blue} and not {blue}")]
+    ]
+    write_corpus(tmp_path / "own.jsonl", "own", "MIT", rows)
+    assert " 0 tasks" not in data("check", tmp_path / "own.jsonl")
+    output = data("synthesize", tmp_path / "own.jsonl", "--out", tmp_path / "new.jsonl")
+    assert "2 statements" in output
+    assert "left out, as no scene was found that makes it false: 'always'" in output

@@ -16,6 +16,8 @@ from types import SimpleNamespace
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli.explain import _sentences
+from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
@@ -180,12 +182,34 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
 
 
 def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):
-    (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax.\r\n")
-    block, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
+    (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
+    block, blank, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
     assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
-    assert (zorblax["statement"], zorblax["unknown"]) == ("There is a zorblax.", ["zorblax"])
+    assert (blank["line"], blank["statement"], blank["programs"]) == (2, "", [])
+    assert (zorblax["line"], zorblax["unknown"]) == (3, ["zorblax"])
     assert zorblax["programs"][0]["probability"] <= 1 / 3
+    assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
+
+
+def test_explain__reads_a_csv_file_by_its_header(lilgym: LilGym, tmp_path: Path):
+    (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
+    found = json.loads(lilgym("explain", "--file", tmp_path / "own.csv", "--json"))
+    assert [(each["line"], each["id"], each["statement"]) for each in found] == [
+        (2, "7", "There is a blue block."),
+        (4, "", ""),
+        (5, "8", "One, even."),
+    ]
+    (tmp_path / "own.csv").write_text("id,text\n1,There is a blue block.\n")
+    with pytest.raises(CommandError, match="no column sentence or statement in its header id, text"):
+        list(_sentences(tmp_path / "own.csv"))
+
+
+def test_explain__says_that_nothing_was_understood_without_readings(lilgym: LilGym):
+    output = lilgym("explain", "asdf qwerty", "--false")
+    assert "nothing was understood" in output
+    assert "satisfied" not in output
+    assert "probability of success" not in output
 
 
 def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 
 import pytest
@@ -120,3 +121,9 @@ def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt()
     found = corrections(" ".join(statements), frozenset(word for word, count in counts.items() if count > 1))
     assert found["blcak"] == "black"
     assert {word: found[word] for word in found if found[word] in NUMBERS} == {"fuor": "four", "thhree": "three"}
+
+
+def test_plain_words__of_the_builtin_statements_are_those_that_shipped_parsers_were_trained_on() -> None:
+    statements = sorted({task.statement for tasks in load_all_tasks("builtin", starts=["scratch"]) for task in tasks})
+    digest = hashlib.sha256("\n".join(" ".join(plain_words(statement)) for statement in statements).encode())
+    assert digest.hexdigest()[:16] == "ff7834a37773ef79"

@@ -23,6 +23,7 @@ from lilgym_mp.contrib.rlvr import (
     rows,
     score,
 )
+from lilgym_mp.contrib.rlvr.checked_scenes import checked_truths
 from lilgym_mp.corpus.generator import split_of
 from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.envs.rules import make_dynamics
@@ -418,3 +419,29 @@ def test_checked_truths__tell_exactly_one_from_at_least_one():
     row = replace(PLAN, kind="program", task=replace(TASK, program=f"exist({boxes})"))
     assert score(f"count({boxes}) >= 1", row).reward == 1
     assert score(f"count({boxes}) == 1", row).outcome == "wrong"
+
+
+NEAR_MISSES = [  # programs of generated statements, and one edit away
+    (
+        "exist(filter_obj(all_boxes, lambda b: count(filter_obj(b, lambda x: is_blue(x) and is_triangle(x))) == 3 and"
+        " 1 <= count(get_set_sizes(b)) <= 2 and exist(filter_color(b, Color.YELLOW))))",
+        ("== 3", ">= 3"),
+    ),
+    (
+        "exist(filter_obj(all_boxes, lambda b: ge(count(filter_obj(b, lambda x: is_blue(x) and is_big(x))), 3) and"
+        " exist(filter_obj(combinations(filter_color(b, Color.BLUE), 2), lambda p: all_same_shape(p))) and"
+        " NOT(exist(filter_obj(b, lambda x: is_black(x) and is_circle(x))))))",
+        ("NOT(exist(", "NOT(1 < count("),
+    ),
+]
+
+
+@pytest.mark.parametrize(("program", "edit"), NEAR_MISSES)
+def test_checked_truths__tell_a_program_from_one_that_differs_in_crowded_boxes_alone(
+    program: str, edit: tuple[str, str]
+):
+    checked = checked_truths(program, "scatter")
+    assert checked is not None
+    mutant = compile_program(program.replace(*edit))
+    assert any(mutant(scene) != value for scene, value in checked.items())
+    assert len(checked) <= 100

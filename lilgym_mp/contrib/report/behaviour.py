@@ -14,7 +14,7 @@ from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.evaluation.episode_files import Recording
-from lilgym_mp.evaluation.episodes import Episode, scenes
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
 from lilgym_mp.scene.appearances import InvalidReason
@@ -22,7 +22,7 @@ from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render import draw
 
 ROLLOUT_STATISTICS: Mapping[str, Value] = {
-    "without STOP (%)": lambda episode: 100.0 * (not isinstance(episode.actions[-1], Stop)),
+    "without STOP (%)": lambda episode: 100.0 * (Stop not in map(type, episode.actions[-1:])),
     "with an invalid action (%)": lambda episode: 100.0 * (episode.invalid_reason is not None),
     "mean actions": lambda episode: len(episode.actions),
     "mean ADD": lambda episode: sum(isinstance(action, AddBlock | AddItem) for action in episode.actions),
@@ -58,6 +58,7 @@ INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),
     "on top": (InvalidReason.OVERLAP,),
 }
+NO_ACTION = "no action"  # of a language model's last answer
 ERROR_KINDS = (*INVALID_REASON_GROUPS, "direct stop", "early stop", "erroneous stop", "later stop", "horizon")
 STOP_NOTE = (
     "A wrong STOP is direct if it is the first action, early if the expert needs fewer actions from there than from the"
@@ -76,6 +77,8 @@ def error_kind(episode: Episode) -> str | None:
         if episode.actions_left is None or episode.optimal_actions is None:
             return "later stop"
         return "early stop" if episode.actions_left < episode.optimal_actions else "erroneous stop"
+    if episode.outcome not in FINAL_OUTCOMES:
+        return NO_ACTION
     groups = (name for name, reasons in INVALID_REASON_GROUPS.items() if episode.invalid_reason in reasons)
     return next(groups, "horizon")
 
@@ -86,15 +89,17 @@ def errors(data: ReportData) -> Iterator[Item]:
     for configuration in data.configurations:
         for entry in data.of(configuration):
             kinds = [kind for run in entry.runs for episode in run.episodes if (kind := error_kind(episode))]
-            shares = [100 * kinds.count(kind) / len(kinds) if kinds else None for kind in ERROR_KINDS]
+            shares = [100 * kinds.count(kind) / len(kinds) if kinds else None for kind in (*ERROR_KINDS, NO_ACTION)]
+            if NO_ACTION not in kinds:
+                shares[-1] = None
             rows.append([entry.agent, configuration, len(kinds), *shares])
         for (model, name), published in paper.ERRORS.items():
             if name == configuration:
                 shares = [None if part is None else whole * part / 100 for whole, parts in published for part in parts]
-                rows.append([f"{model} †", configuration, 50, *shares, None, None])
+                rows.append([f"{model} †", configuration, 50, *shares, None, None, None])
     title = f"Errors on {data.main_split}, in per cent of failed episodes"
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
-    yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
+    yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS, NO_ACTION), rows, note)
 
 
 BINS = 10  # bins of the probability of STOP
@@ -140,7 +145,7 @@ def failures(data: ReportData) -> Iterator[Item]:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:
                 examples[kind] = film_strip(run, episode, kind)
-        shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
+        shown = [examples[kind] for kind in (*ERROR_KINDS, NO_ACTION) if kind in examples]
         if shown:
             yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)
 

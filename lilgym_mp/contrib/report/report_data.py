@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.contrib.report.charts import Looks
+from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation.datasets import is_database
 from lilgym_mp.evaluation.episode_files import Header, Recording, read_episodes
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
@@ -123,7 +125,9 @@ class ReportData:
 
 
 def load_report_data(paths: Sequence[Path]) -> ReportData:
-    """Loads all recordings and training curves in the paths: recordings, or directories searched recursively.
+    """Loads all episodes and training curves in the paths, of which directories are searched recursively.
+
+    Episodes are in recordings, runs of `lilgym-mp llm play` and, if they are named, databases of the web server.
 
     Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
     damaged file.
@@ -135,7 +139,9 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
             " record some with: lilgym-mp evaluate RUN --record DIR"
         )
     recordings: list[Recording] = []
-    for recording in map(read_episodes, files):  # a deterministic policy may have been recorded twice
+    for recording in chain.from_iterable(
+        map(_recordings, files)
+    ):  # a deterministic policy may have been recorded twice
         if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
             recordings.append(recording)
     _check_comparable(recordings)
@@ -147,7 +153,17 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
 def _files(path: Path) -> list[Path]:
     if not path.exists():
         raise ReportError(f"{path}: there is no such file or directory")
-    return sorted(path.rglob(f"*{SUFFIX}")) if path.is_dir() else [path]
+    if not path.is_dir():
+        return [path]
+    runs = (file.parent for file in path.rglob(TRANSCRIPTS))
+    return sorted([*path.rglob(f"*{SUFFIX}"), *filter(is_conversation_run, runs)])
+
+
+def _recordings(path: Path) -> Iterable[Recording]:
+    """Of a recording, a run of a language model, or a database of the web server."""
+    if path.is_dir():
+        return [conversations(path)]
+    return people(path) if is_database(path) else [read_episodes(path)]
 
 
 def _check_comparable(recordings: Sequence[Recording]) -> None:

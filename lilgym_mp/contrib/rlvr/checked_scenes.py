@@ -33,6 +33,10 @@ RANDOM = 800
 # Scenes of the rarer value that are changed, and how often each
 CHANGED_SCENES = 16
 CHANGES = 16
+# Walks from scenes of the rarer value, for programs one edit away that agree on all of the above
+WALKED_SCENES = 32
+WALKS_EACH = 6
+WALK_STEPS = 5
 
 # Words and signs of which each can stand in for the others
 _GROUPS = (
@@ -74,7 +78,7 @@ def checked_truths(program: str, appearance: str) -> Mapping[Scene, bool] | None
     values |= {scene: _value(compiled, scene) for scene in changed}
     by_value = ([scene for scene in values if values[scene] == value] for value in (rarer, not rarer))
     candidates = [scene for scene in chain.from_iterable(zip_longest(*by_value)) if scene is not None]
-    chosen = dict.fromkeys(chain(_separating(compiled, candidates, values), candidates))
+    chosen = dict.fromkeys(chain(_separating(compiled, candidates, values, appearance), candidates))
     for count in CHECKED_SCENES:
         truths = {scene: values[scene] for scene in islice(chosen, count)}
         with suppress(StepLimitError):
@@ -103,16 +107,43 @@ def is_checkable(program: str, appearance: str) -> bool:
     return True
 
 
-def _separating(program: Program, candidates: Sequence[Scene], values: Mapping[Scene, bool]) -> Iterator[Scene]:
-    """The first candidate that tells the program from each of those one edit away, if any does."""
-    for source in mutants(program.source):
+def _separating(
+    program: Program, candidates: Sequence[Scene], values: dict[Scene, bool], appearance: str
+) -> Iterator[Scene]:
+    """Few scenes that tell the program from those one edit away: of the candidates, or near those of the rarer value.
+
+    Adds the values of further scenes to `values`.
+    """
+    chosen: list[Scene] = []
+    further: list[Scene] = []
+    for source in dict.fromkeys(mutants(program.source)):
         try:
             mutant = Program(source)
         except ProgramError:
             continue
+        if any(_value(mutant, scene) != values[scene] for scene in chosen):
+            continue
         found = next((scene for scene in candidates if _value(mutant, scene) != values[scene]), None)
+        if found is None:
+            further = further or _further(program, candidates[::2][:WALKED_SCENES], values, appearance)
+            found = next((scene for scene in further if _value(mutant, scene) != values[scene]), None)
         if found is not None:
+            chosen.append(found)
             yield found
+
+
+def _further(program: Program, scenes: Sequence[Scene], values: dict[Scene, bool], appearance: str) -> list[Scene]:
+    """The scenes of walks from these; adds their values to `values`."""
+    rng = random.Random(1)
+    changed = sampler_of(appearance).changed
+    found: list[Scene] = []
+    for start in scenes * WALKS_EACH:
+        scene = start
+        for _ in range(WALK_STEPS):
+            scene = changed(rng, scene)
+            found.append(scene)
+    values |= {scene: _value(program, scene) for scene in found}
+    return found
 
 
 def _value(program: Program, scene: Scene) -> bool:

@@ -41,6 +41,7 @@ class PlayedEpisode:
     shown_solution: bool = False  # before the end
     created: str = field(default_factory=now)
     changed: str = ""
+    statement: str | None = None  # as the player saw it; None in rows of older databases
 
 
 ANNOTATION_COLUMNS = (
@@ -72,6 +73,10 @@ class Database:
                     raise DatabaseError("holds tables of another program or version; name another file with --database")
                 for table, columns in _TABLES.items():
                     connection.execute(f"CREATE TABLE IF NOT EXISTS {table} ({', '.join(columns)})")
+                    known = {row["name"] for row in connection.execute(f"PRAGMA table_info({table})")}
+                    for column in columns:
+                        if column.split()[0] not in known:  # an older database
+                            connection.execute(f"ALTER TABLE {table} ADD COLUMN {column}")
                 connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
         except (sqlite3.Error, DatabaseError) as fault:
             raise DatabaseError(f"database {self._path}: {_reason(str(fault))}") from None

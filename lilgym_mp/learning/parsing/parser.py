@@ -27,6 +27,7 @@ from lilgym_mp.learning.common.program_pairs import (
     open_slots_of,
     program_of,
 )
+from lilgym_mp.learning.parsing.doubts import FUNCTION_WORDS, doubts
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.programs.static_types import is_well_typed
@@ -113,6 +114,12 @@ class Parse:
     unknown: tuple[str, ...]  # the words outside the vocabulary, with those left out, or a text without words
     corrections: Mapping[str, str]  # misspelt words, in lower case, and what was read for them
     candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
+    doubts: tuple[str, ...] = ()  # why the first candidate may be wrong besides unknown words, a line each
+
+    @property
+    def is_understood(self) -> bool:
+        """Whether a word was read that has a meaning of its own."""
+        return not self.unknown or not {*self.words[1:]} <= {*self.unknown} | FUNCTION_WORDS
 
     @property
     def confidence(self) -> float:
@@ -128,16 +135,24 @@ class Parse:
     def _count(self) -> int:
         return max(len(self.words) - 1, len(self.unknown), 1)
 
+    @property
+    def uncertain(self) -> tuple[str, ...]:
+        """Why the first candidate may be wrong, a line each; empty if nothing says so."""
+        if not self.is_understood:
+            return ("nothing was understood", *self._unknown_notes())
+        return (*self._unknown_notes(), *self.doubts)
+
     def notes(self) -> list[str]:
         """A line about corrected words and one about unknown words, if there are any."""
         corrected = [
             f"{typed!r} as {read!r}" if read else f"nothing for {typed!r}" for typed, read in self.corrections.items()
         ]
         notes = [f"read {', '.join(corrected)}"] if corrected else []
-        if self.unknown:
-            listed = ", ".join(map(repr, self.unknown))
-            notes.append(f"unknown, {len(self.unknown)} of {self._count} words: {listed}")
-        return notes
+        return [*notes, *self._unknown_notes()]
+
+    def _unknown_notes(self) -> list[str]:
+        listed = ", ".join(map(repr, self.unknown))
+        return [f"unknown, {len(self.unknown)} of {self._count} words: {listed}"] if self.unknown else []
 
 
 @cache
@@ -212,7 +227,9 @@ class Parser:
         unknown_words = [word for word in original_words if word not in self._known]
         unknown_words = unread_words(statement, self._known) + unknown_words
         ranked = _ranked([*scores.values()], UNKNOWN_FACTOR ** len(unknown_words))
-        return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked)
+        first_truths = next((truth for truth, (program, _) in scores.items() if ranked and program == ranked[0][0]), ())
+        unsure = tuple(doubts(statement, original_words[1:], ranked, first_truths))
+        return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked, unsure)
 
     def to_details(self) -> dict[str, Any]:
         """The part of a model description that `of` reads."""

@@ -15,9 +15,10 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, describe
-from lilgym_mp.solver import Solver, WeightedGoal
+from lilgym_mp.solver import Solver, WeightedGoal, WeightedPlan
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
+MIN_GAIN = 0.01  # probability for which a plan that is shown to people gets another action
 MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
 NEWTON_STEPS = 50
 CLIP = 1e-3  # probabilities are clipped to [CLIP, 1 - CLIP]
@@ -100,7 +101,28 @@ class ProgramPlanner(Planner):
         edits_left = self.dynamics.horizon - steps - 1
         if not goals or edits_left < 0:
             return ProgramPlan((STOP,), 0.0, scene, parse, goals)
-        planned = self._solver.plan_for(goals, scene, edits_left)
+        return self._plan_of(self._solver.plan_for(goals, scene, edits_left), scene, parse, goals)
+
+    def short_plan(self, scene: Scene, statement: str, target: bool) -> ProgramPlan:
+        """A plan as short as the shortest for the most probable program, unless others are worth more actions.
+
+        Each action besides must add MIN_GAIN to the probability of success. The agent itself plays `plan`.
+        """
+        plan = self.plan(scene, statement, target)
+        goals = plan.goals
+        if not plan.satisfied:
+            return plan
+        shortest = self._solver.plan_for(goals[:1], scene, len(plan.actions) - 1)
+        added = len(plan.actions) - len(shortest.actions)
+        if not shortest.satisfied or added <= 0:
+            return plan
+        short = self._solver.plan_for(goals, scene, len(shortest.actions) - 1)
+        lost = sum(goals[index].probability for index in plan.satisfied) - short.mass
+        return self._plan_of(short, scene, plan.parse, goals) if lost < MIN_GAIN * added else plan
+
+    def _plan_of(
+        self, planned: WeightedPlan, scene: Scene, parse: Parse, goals: tuple[WeightedGoal, ...]
+    ) -> ProgramPlan:
         mass = sum(goals[index].probability for index in planned.satisfied)
         probability = self.calibration(mass) * parse.known_share**2
         return ProgramPlan(planned.actions or (STOP,), probability, scene, parse, goals, planned.satisfied)
@@ -133,8 +155,9 @@ def explanation_lines(plan: ProgramPlan, planner: ProgramPlanner, statement: str
     yield f'task: make "{statement}" {str(target).lower()}'
     yield f"parsed words: {' '.join(parse.words[1:])}"
     yield from (f"note: {note}" for note in parse.notes())
-    if not parse.candidates:
-        yield "no program was found"
+    yield from (f"unsure: {doubt}" for doubt in parse.doubts if parse.is_understood)
+    if not parse.candidates or not parse.is_understood:
+        yield "nothing was understood" if parse.candidates else "no program was found"
         return
     yield ""
     yield "candidate programs: probability; truth in this scene; true in % of probe scenes; satisfied by the plan"

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence, Set
 from typing import NamedTuple
 
-from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus import CorpusError, NoTasksError, load_all_tasks
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.learning.parsing.parser import Parser, truths
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
-from lilgym_mp.programs.syntax import parse
 
 TRAIN = "train"
 GROUPS = ("all", "seen forms", "unseen forms", *(f"level {level}" for level in LEVELS), "above all levels")
@@ -30,43 +30,80 @@ class ParseScore(NamedTuple):
     among_candidates: float  # share with such a program among the candidates
 
 
+class ParseItem(NamedTuple):
+    """A statement's program in the corpus beside the parser's most probable one."""
+
+    appearance: str
+    statement: str
+    program: str  # of the corpus
+    predicted: str | None  # None if no program was found
+    probability: float
+    form_seen: bool
+    level: int | None  # None above all levels
+    exact_form: bool
+    equal_truth: bool
+    among_candidates: bool
+    uncertain: Sequence[str]
+
+
 def parse_scores(
-    parser: Parser, corpus: str, split: str, on_parse: Callable[[], object] = lambda: None
+    parser: Parser,
+    corpus: str,
+    split: str,
+    on_item: Callable[[ParseItem], object] = lambda item: None,
+    trained_on: str | None = None,
 ) -> Iterator[ParseScore]:
     """The scores of each appearance and non-empty group. Raises NoTasksError if the split has no Scratch tasks.
 
-    A form is a statement with colours, shapes, sizes and numbers blanked; it is seen if it occurs in the corpus's train
-    split. The level of a program is the lowest of the statement generator's that admits it.
+    A form is a statement with colours, shapes, sizes and numbers blanked; it is seen if it occurs in the train split of
+    the corpus that the parser was trained on, by default this one. The level of a program is the lowest of the
+    statement generator's that admits it.
     """
-    forms = {
-        statement_form(task.statement)
-        for tasks in load_all_tasks(corpus, starts=[SCRATCH])
-        if tasks.provenance.split == TRAIN
-        for task in tasks
-    }
+    try:
+        forms = _train_forms(trained_on or corpus)
+    except CorpusError:  # it is not here
+        forms = set[str]()
     for tasks in load_all_tasks(corpus, starts=[SCRATCH], splits=[split]):
         appearance = tasks.provenance.appearance
-        groups = defaultdict[str, list[tuple[bool, bool, bool]]](list)
+        groups = defaultdict[str, list[ParseItem]](list)
         for statement, program in dict.fromkeys((task.statement, task.program) for task in tasks):
-            result = _result(parser, statement, program, appearance)
-            level = level_of(program)
-            form = "seen forms" if statement_form(statement) in forms else "unseen forms"
-            for group in ("all", form, f"level {level}" if level else GROUPS[-1]):
-                groups[group].append(result)
-            on_parse()
+            item = _item(parser, statement, program, appearance, forms)
+            for group in ("all", GROUPS[2 - item.form_seen], f"level {item.level}" if item.level else GROUPS[-1]):
+                groups[group].append(item)
+            on_item(item)
         for group in GROUPS:
-            if results := groups[group]:
-                shares = (sum(column) / len(results) for column in zip(*results, strict=True))
-                yield ParseScore(appearance, group, len(results), *shares)
+            if items := groups[group]:
+                rights = ((item.exact_form, item.equal_truth, item.among_candidates) for item in items)
+                shares = (sum(column) / len(items) for column in zip(*rights, strict=True))
+                yield ParseScore(appearance, group, len(items), *shares)
 
 
-def _result(parser: Parser, statement: str, program: str, appearance: str) -> tuple[bool, bool, bool]:
-    """Whether the best candidate has the program's form, and its truth values, and whether any candidate has them."""
-    candidates = [candidate.program for candidate in parser.parse(statement, appearance).candidates]
+def _train_forms(corpus: str) -> set[str]:
+    try:
+        sets = list(load_all_tasks(corpus, starts=[SCRATCH], splits=[TRAIN]))
+    except NoTasksError:
+        return set()
+    return {statement_form(task.statement) for tasks in sets for task in tasks}
+
+
+def _item(parser: Parser, statement: str, program: str, appearance: str, forms: Set[str]) -> ParseItem:
+    parse = parser.parse(statement, appearance)
+    candidates = [candidate.program for candidate in parse.candidates]
     right = truths(program, appearance)
     equal = [truths(candidate, appearance) == right for candidate in candidates]
-    return bool(candidates) and _form(candidates[0]) == _form(program), equal[:1] == [True], any(equal)
+    return ParseItem(
+        appearance,
+        statement,
+        program,
+        *(parse.candidates[0] if candidates else (None, 0.0)),
+        form_seen=statement_form(statement) in forms,
+        level=level_of(program),
+        exact_form=bool(candidates) and _form(candidates[0]) == _form(program),
+        equal_truth=equal[:1] == [True],
+        among_candidates=any(equal),
+        uncertain=parse.uncertain,
+    )
 
 
 def _form(program: str) -> str:
-    return source_of(canonical_form(parse(program)))
+    return source_of(canonical_form(syntax.parse(program)))

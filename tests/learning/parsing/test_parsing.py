@@ -38,6 +38,7 @@ from lilgym_mp.learning.common.program_pairs import (
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+from lilgym_mp.learning.parsing.doubts import doubts
 from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import (
     UNKNOWN,
@@ -287,6 +288,14 @@ def test_planner__satisfies_several_candidates_at_once_if_possible():
     assert (len(both.actions), both.satisfied) == (3, (0, 1))
 
 
+@pytest.mark.parametrize(("likely", "actions"), [(0.999, 2), (0.6, 3)])
+def test_planner__a_short_plan_has_actions_for_other_candidates_only_if_they_are_likely(likely: float, actions: int):
+    chosen = planner((BLUE, likely), (BLACK, 1 - likely))
+    assert len(chosen.plan(empty_tower(), "any", True).actions) == 3
+    short = chosen.short_plan(empty_tower(), "any", True)
+    assert (len(short.actions), short.satisfied[0]) == (actions, 0)
+
+
 def test_planner__prefers_the_more_probable_of_conflicting_candidates():
     plan = planner((BLUE, 0.6), (f"not {BLUE}", 0.4)).plan(empty_tower(), "any", True)
     assert plan.satisfied == (0,)
@@ -381,6 +390,59 @@ def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse
     observations = Observations(image, ("There is a zorblax on a bloc.",), *(np.array([n]) for n in (1, 0, 0)))
     chosen = policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0))
     assert policy.output(np.zeros((1, 0), bool), chosen).notes == [notes]
+
+
+NO_BLUE = "not exist(filter_obj(all_items, lambda x: is_blue(x)))"
+
+
+@pytest.mark.parametrize(
+    ("statement", "program"),
+    [
+        ("There isn't a blue block.", NO_BLUE),
+        ("There ain\u2019t a blue block!", NO_BLUE),
+        ("A blue block does not exist.", NO_BLUE),
+        ("There does not exist any blue block.", NO_BLUE),
+        ("There are \uff13 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
+        ("There are \u0663 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
+    ],
+)
+def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(statement: str, program: str):
+    found = load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower")
+    assert (found.candidates[0].program, found.uncertain) == (program, ())
+
+
+@pytest.mark.parametrize(
+    ("statement", "doubt"),
+    [
+        ("An even number of circles touch the wall.", "does not express 'even'"),
+        ("There is a big black circle and it is bigger than the black square.", "does not express 'bigger'"),
+        ("All circles don't touch a black circle, and none is blue.", "does not express 'not' and 'none'"),
+        ("There is a blue circle and there isn't a blue circle.", "is false in every scene"),
+        ("There are 1,000 black circles.", "'1,000' cannot be read"),
+        ("There are 2.5 black circles.", "'2.5' cannot be read"),
+        ("There are more than \u22121 black circles.", "'\u22121' cannot be read"),
+        ("There are 3-4 black circles.", "'3-4' cannot be read"),
+        ("There are \u2462 black circles.", "'\u2462' cannot be read"),
+        ("There is never a blue circle.", "unknown, 1 of 6 words: 'never'"),
+        ("The asdf qwerty.", "nothing was understood"),
+        ("", "nothing was understood"),
+    ],
+)
+def test_shipped_agent__says_why_its_reading_is_uncertain(statement: str, doubt: str):
+    found = load_agent("parse-and-plan", "cpu").parser.parse(statement, "scatter")
+    assert doubt in " | ".join(found.uncertain)
+    assert all(isinstance(note, str) for note in found.notes())
+
+
+@pytest.mark.parametrize("statement", ["There are exactly two towers.", "There is a tower with a blue block on top."])
+def test_shipped_agent__is_sure_of_plain_statements(statement: str):
+    assert load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower").uncertain == ()
+
+
+def test_doubts__of_no_reading_and_a_close_rival():
+    assert list(doubts("It is.", ["it", "is"], [], ())) == ["no program was found"]
+    (rival,) = doubts("Blue.", ["blue"], [("is_blue", 0.6), ("is_black", 0.3)], (True, False))
+    assert rival == "another reading is nearly as likely: is_black"
 
 
 def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse():

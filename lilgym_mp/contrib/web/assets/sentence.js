@@ -10,8 +10,8 @@ byId("ask").addEventListener("submit", (event) => {
     const { sentence, appearance, target } = Object.fromEntries(new FormData(event.target));
     const answer = await request("POST", "/api/sentence", { sentence, appearance, target: target === "true" });
     byId("answer").hidden = false;
-    byId("answer-title").textContent = answer.understood ? `“${sentence}” will be ${target} with a probability of ${percent(answer.success_probability)}` : "Nothing was understood: the readings below are guesses";
-    byId("readings-title").textContent = `Readings; ✓ has the target value, ${target}, in the last scene`;
+    byId("answer-title").textContent = answer.understood ? `“${sentence}” will be ${target} with a probability of ${percent(answer.success_probability)}` : "Nothing was understood";
+    byId("readings-title").textContent = answer.understood ? `Readings; ✓ has the target value, ${target}, in the last scene` : "";
     byId("notes").replaceChildren(...answer.notes.map((note) => element("p", { class: "notice" }, note)));
     byId("readings").replaceChildren(...answer.readings.map((reading) => bar(programCode(reading.program), reading.probability, reading.satisfied, true)));
     plan.show(answer.start, answer.steps);

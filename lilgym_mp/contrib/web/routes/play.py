@@ -129,7 +129,7 @@ def begin(new: NewEpisode, services: Services) -> JSON:
     """Starts an episode."""
     task = _find_task(services, new.configuration, new.split, new.task_id)
     dynamics = services.dynamics(new.configuration)
-    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.corpus}
+    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.corpus, "statement": task.statement}
     row = PlayedEpisode(id=secrets.token_urlsafe(16), **fields)
     with services.database.write() as connection:
         save_episode(connection, row)

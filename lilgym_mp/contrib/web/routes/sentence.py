@@ -15,6 +15,7 @@ from lilgym_mp.contrib.web.runs import PARSER
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
@@ -46,7 +47,9 @@ def sentence_page(request: Request) -> Response:
 
 @api.post("")
 def read(new: NewSentence, services: Services) -> JSON:
-    """The readings with their probabilities, notes on misspelt and unknown words, and the plan from the empty scene.
+    """The readings with their probabilities, notes on words and doubts, and a short plan from the empty scene.
+
+    A sentence without a known word that means something has no readings.
 
     Responds with 404 or 422 if the agent cannot plan here, 503 if others keep it busy.
     """
@@ -56,16 +59,19 @@ def read(new: NewSentence, services: Services) -> JSON:
     assert isinstance(agent, ParseAndPlanAgent)
     configuration, start = configuration_name(new.appearance, SCRATCH), Scene.empty()
     with in_turn(_PLANNING, PLANNING_SECONDS, "many sentences are being read"), refusing():
-        plan = agent.planner(services.settings(configuration)).plan(start, new.sentence, new.target)
+        plan = agent.planner(services.settings(configuration)).short_plan(start, new.sentence, new.target)
+    understood = plan.parse.is_understood
     satisfied = {plan.goals[index].program for index in plan.satisfied}
     return {
         "readings": [
             {"program": program, "probability": probability, "satisfied": program in satisfied}
             for program, probability in plan.probabilities().items()
+            if understood
         ],
-        "notes": plan.parse.notes(),
-        "understood": plan.parse.known_share > 0,
+        "notes": [*plan.parse.notes(), *(f"Unsure: {doubt}." for doubt in plan.parse.doubts if understood)],
+        "uncertain": list(plan.parse.uncertain),
+        "understood": understood,
         "start": scene_body(start),
-        "steps": steps_body(services.dynamics(configuration), start, plan.actions),
+        "steps": steps_body(services.dynamics(configuration), start, plan.actions if understood else (STOP,)),
         "success_probability": plan.success_probability,
     }

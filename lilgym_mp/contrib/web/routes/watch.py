@@ -91,9 +91,10 @@ def record(new: NewRecording, services: Services) -> JSON:
         ids = services.tasks(new.configuration, "dev").ids
         chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
         plan = EvaluationPlan(settings, "dev", record_decisions=True, task_ids=chosen)
-        details = {"label": services.runs.agents()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
+        label = services.runs.agents()[new.agent].partition(" (")[0]
+        details = {"label": label, "actions": AS_TRAINED, "recipe": agent.description.recipe}
         named = NamedPolicy(new.agent, agent.policy, agent.description.supervision, details=details)
-        seen = training_statements(settings)
+        seen = training_statements(settings, named)
         recorder = Recorder(settings, "dev", seen, judges_decisions=True)
         path = recorder.write(services.runs.requested, play(named, plan, seen))
     return {"id": next(file.id for file in services.runs.recordings() if file.path == path)}
