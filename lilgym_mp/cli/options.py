@@ -72,13 +72,20 @@ def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, S
         module.add_options(command, *(more or {}).get(name, ()))
 
 
-def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig) -> None:
-    """An option for every field of the configuration that is a setting."""
-    add_fields(parser.add_argument_group("environment"), config.settings().values())
+def add_settings(
+    parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig, texts: Mapping[str, str] | None = None
+) -> None:
+    """An option for every field of the configuration that is a setting; `texts` as in `add_fields`."""
+    add_fields(parser.add_argument_group("environment"), config.settings().values(), texts)
 
 
-def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) -> None:
-    """An option for each field made by `setting`; its help ends with its default unless it has told one."""
+def add_fields(
+    group: argparse._ActionsContainer, fields: Iterable[Field[Any]], texts: Mapping[str, str] | None = None
+) -> None:
+    """An option for each field made by `setting`; its help ends with its default unless it has told one.
+
+    `texts`: help, by name, of options that differ from what the fields say.
+    """
     for each in fields:
         default = each.default
         known = each.metadata
@@ -91,7 +98,7 @@ def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) 
             kind = {"choices": known["choices"]}
         elif known["kind"] in (int, float):
             kind["metavar"] = "N"
-        text = known["description"]
+        text = (texts or {}).get(each.name, known["description"])
         text += "" if default is None or "(default" in text else f" (default: {shown})"
         details = dict(known["shown"])
         flag = flag_name(details.pop("flag", each.name))

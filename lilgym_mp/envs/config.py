@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.single import LilGymEnv
 
 CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
-GRID_HELP = f'columns and rows of Scatter (default: {"x".join(map(str, RELEASED_GRID))}), or "{NATIVE}" for pixels'
+COARSE_GRID_HELP = f"columns and rows of Scatter (default: {'x'.join(map(str, RELEASED_GRID))})"
+GRID_HELP = f'{COARSE_GRID_HELP}, or "{NATIVE}" for pixels'
 
 
 def setting(

@@ -80,6 +80,32 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
 
 
+@pytest.mark.parametrize(
+    ("learner", "expected"),
+    [
+        ("reward-model", "before training begins (default: 250 in scatter, 150 in tower)"),
+        ("reward-model", "more suit Scatter (default: 16 in scatter, 0 in tower)"),
+        ("reward-model", "scenes kept by the search (default: 3 in scatter, 16 in tower)"),
+        ("imitation", "per statement in a batch (default: 8 in scatter, 16 in tower)"),
+        ("imitation", "querying the expert (default: 10 in scatter, 13 in tower)"),
+        ("ppo", "above 0 the agent also plays Scratch (default: 0.25 in flipit, 0 in scratch)"),
+    ],
+)
+def test_train_help__prints_the_defaults_of_each_appearance_or_start(
+    learner: str, expected: str, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit):
+        main(["train", learner, "--help"])
+    assert expected in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("learner", ["imitation", "ppo", "reward-model", "game"])
+def test_train_help__does_not_offer_the_native_grid(learner: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        main(["train", learner, "--help"])
+    assert "native" not in capsys.readouterr().out
+
+
 def test_tensorboard__gets_the_numbers_of_each_progress_line(
     lilgym: LilGym, tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -607,7 +607,7 @@ def _play_out(page: Any) -> None:
     raise AssertionError("the game did not end")
 
 
-def test_beat__the_shared_address_begins_the_same_tasks_anew(browser: Any, tmp_path: Path):
+def test_beat__the_shared_address_begins_the_same_tasks_again(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched, watched_page(browser) as other:
         page = watched.page
         page.goto("/beat?seed=7")
