@@ -17,7 +17,7 @@ from typing import Any
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
+from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig, option_name
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.scene.choices import flag_name
 
@@ -101,8 +101,10 @@ def add_fields(
         text = (texts or {}).get(each.name, known["description"])
         text += "" if default is None or "(default" in text else f" (default: {shown})"
         details = dict(known["shown"])
-        flag = flag_name(details.pop("flag", each.name))
-        group.add_argument(f"--{flag}", dest=each.name, default=None, help=text, **{**kind, **details})
+        details.pop("flag", None)
+        group.add_argument(
+            f"--{flag_name(option_name(each))}", dest=each.name, default=None, help=text, **{**kind, **details}
+        )
 
 
 def add_corpus(parser: argparse.ArgumentParser) -> None:

@@ -51,6 +51,11 @@ def setting(
     return field(default=default, metadata={**metadata, **more})
 
 
+def option_name(field: Field[Any]) -> str:
+    """The name of a field as an option, which may differ from the field's: that of a saved recipe never changes."""
+    return field.metadata["shown"].get("flag", field.name)
+
+
 def _plain(value: Any) -> Any:
     """Lists, as from JSON, and arrays as tuples, and NumPy's integers as ints, so that equal settings are equal."""
     if isinstance(value, np.integer):

@@ -29,7 +29,10 @@ CASES = {
     "unknown partner": (["play", "--partner", "nobody"], "unknown partner 'nobody'; choose from "),
     "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in corpus 'builtin'; tasks include "),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
-    "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere': no such file or directory"),
+    "unknown corpus": (
+        ["play", "TowerScratch", "--corpus", "nowhere"],
+        "no corpus 'nowhere': no such file or directory",
+    ),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),
@@ -80,7 +83,7 @@ def test_options__with_several_values_add_up_when_given_again():
     args = parse_args([*words, *again])
     assert args.policy == ["expert", "random-legal", "random-type"]
     assert args.configuration == ["TowerScratch", "TowerFlipIt"]
-    assert parse_args(["data", "download", "--splits", "dev", "--splits", "test"]).splits == ["dev", "test"]
+    assert parse_args(["data", "download", "--split", "dev", "--split", "test"]).split == ["dev", "test"]
 
 
 @pytest.mark.parametrize("command", [None, *COMMANDS])

@@ -186,7 +186,7 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
     run = tmp_path / "run"
-    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
+    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out-statements", 5]
     output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
     assert f"lilgym-mp evaluate {run} --corpus {own}" in output
     assert names(lilgym("evaluate", run, "--corpus", own))[0] == f"parse-and-plan ({run})"

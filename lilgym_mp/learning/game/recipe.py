@@ -25,6 +25,7 @@ class GameRecipe(UpdateRecipe):
         "both",
         "learns from its rewards, from the truth of the claims it judged in a game's last turn, or from both",
         choices=("ppo", "cross-entropy", "both"),
+        flag="verifier_loss",
     )
     mask: bool = setting(True, "mask the proposer's illegal actions in training and in play")
     width: int = setting(64, "width of the networks; a multiple of 8", 8, 1024)
