@@ -41,7 +41,7 @@ items in two boxes are different, and count twice.
 Members of a box `b` and of an item `x`:
 
 | member | value |
-| --- | --- |
+|---|---|
 """
 
 COORDINATES = """
@@ -57,7 +57,7 @@ SYNTAX = """
 ## Syntax
 
 | syntax | meaning |
-| --- | --- |
+|---|---|
 | non-negative integers, `True`, `False` | at most {max_int} |
 | calls of the words below | positional or keyword arguments: `is_touching_wall(x, side=Side.TOP)` |
 | `lambda x: ...` | one parameter; an inner one may shadow an outer one |
@@ -155,7 +155,7 @@ def document() -> str:
         parts.append(f"- `{name}`: {', '.join(f'`{name}.{member.name}`' for member in enum)}\n")
     parts.append(SYNTAX.format(max_int=syntax.MAX_INT))
     for group in GROUPS:
-        parts.append(f"\n### {group.capitalize()}\n\n| word | meaning |\n| --- | --- |\n")
+        parts.append(f"\n### {group.capitalize()}\n\n| word | meaning |\n|---|---|\n")
         parts.extend(_rows(word for word in WORDS.values() if word.group == group))
     parts.append(
         LIMITS.format(
