@@ -14,7 +14,6 @@ from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
@@ -43,7 +42,7 @@ def explore_page(
     return render_page(
         request,
         "explore.html",
-        appearances=list(APPEARANCES),
+        appearances=services.appearances(),
         query={"appearance": appearance, "split": split, "text": text},
         found=found[first : first + PAGE_SIZE],
         total=len(found),
