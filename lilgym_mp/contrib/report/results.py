@@ -61,9 +61,10 @@ def summary(data: ReportData) -> list[str]:
     failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
     if failed:
         outcome, count = failed.most_common(1)[0]
-        sentences.append(f"Of its {failed.total():,} failures {100 * count / failed.total():.0f} % are: {outcome}.")
+        share = 100 * count / failed.total()
+        sentences.append(f"{best} fails {failed.total():,} times, {share:.0f} % of them by: {outcome}.")
     else:
-        sentences.append("It fails nowhere.")
+        sentences.append(f"{best} never fails.")
     return sentences
 
 

@@ -1,4 +1,3 @@
-"use strict";
 // Used by every page: requests to the server, messages, DOM elements.
 
 /** An error with a message to display. */

@@ -1,4 +1,3 @@
-"use strict";
 // /game. The URL fragment is the seat's key; everything shown comes from the server's responses.
 
 const setup = byId("setup");

@@ -1,4 +1,3 @@
-"use strict";
 // /play and the start page; /beat changes what is in `page`. Legality, transitions and rewards come from the server.
 
 const setup = byId("setup");

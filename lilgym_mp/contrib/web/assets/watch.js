@@ -1,4 +1,3 @@
-"use strict";
 // /watch: recorded episodes step by step; optionally two recordings side by side.
 
 const STEP_MILLISECONDS = 900; // while playing
