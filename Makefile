@@ -57,7 +57,7 @@ test: install  ## run the tests, without the long ones and without lint
 test-long: install  ## run the long tests: full-length commands, tutorials, the site
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m long $(ARGS)
 
-lint: style types imports  ## run ruff, pyright and the import contract
+lint: style types readme imports  ## run ruff, pyright, mypy on README's code, and the import contract
 
 style: install
 	$(BIN)/ruff check .
@@ -65,6 +65,12 @@ style: install
 
 types: $(INSTALLED_FORM)
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+# README's Python code, as users of the installed package see it.
+readme: $(INSTALLED_FORM)
+	@sed -n '/^```python$$/,/^```$$/{/^```/d;p}' README.md > $(INSTALLED_FORM)/readme.py
+	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/pyright' --pythonpath '$(CURDIR)/$(BIN)/python' readme.py
+	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/mypy' --follow-imports=silent readme.py
 
 imports: $(INSTALLED_FORM)
 	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/lint-imports' --config '$(CURDIR)/pyproject.toml' --no-cache

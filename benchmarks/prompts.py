@@ -1,6 +1,6 @@
 """Figures on prompts for training language models: speed, variety, difficulty, baselines, overlap with corpora.
 
-Run: python benchmarks/prompts.py [--count 400] [--corpora builtin lilgym]
+Run: python benchmarks/prompts.py [--episodes 400] [--corpora builtin lilgym]
 """
 
 from __future__ import annotations
@@ -142,14 +142,14 @@ def overlap(corpora: Iterable[str], count: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--episodes", type=int, default=400)
     parser.add_argument("--corpora", nargs="*", default=["builtin"])
     args = parser.parse_args()
-    speed(args.count)
-    baselines(args.count)
-    lengths(args.count)
-    variety((args.count, 4 * args.count, 16 * args.count))
-    overlap(args.corpora, args.count)
+    speed(args.episodes)
+    baselines(args.episodes)
+    lengths(args.episodes)
+    variety((args.episodes, 4 * args.episodes, 16 * args.episodes))
+    overlap(args.corpora, args.episodes)
 
 
 if __name__ == "__main__":

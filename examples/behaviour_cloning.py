@@ -4,8 +4,8 @@ Write data sets with observations as items; docs/datasets.md has the accuracy:
     lilgym-mp data collect TowerScratch --observation structured --out scratch.npz
     lilgym-mp data collect TowerFlipIt --observation structured --out flipit.npz
     python examples/behaviour_cloning.py scratch.npz flipit.npz
-If the data sets have all optimal actions (--optimal), the probability of the set is maximised. Colours are exchanged in
-words, items and actions as data augmentation. Needs the extra `train`.
+If the data sets have all optimal actions (--optimal-actions), the probability of the set is maximised. Colours are
+exchanged in words, items and actions as data augmentation. Needs the extra `train`.
 """
 
 from __future__ import annotations

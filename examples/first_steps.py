@@ -1,6 +1,6 @@
 """Plays one episode step by step: the task, the expert's shortest solution, and a picture of every step.
 
-Try: python examples/first_steps.py --seed 3 --output first_steps.png
+Try: python examples/first_steps.py --seed 3 --out first_steps.png
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Play one episode step by step, with pictures.")
     parser.add_argument("--id", default="lilgym_mp/ScatterFlipIt-v0")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=12, help="maximum number of actions")
-    parser.add_argument("--output", type=Path, default=Path("first_steps.png"))
+    parser.add_argument("--max-actions", type=int, default=12, help="maximum number of actions")
+    parser.add_argument("--out", type=Path, default=Path("first_steps.png"))
     args = parser.parse_args()
 
     env = gym.make(args.id)
@@ -39,7 +39,7 @@ def main() -> None:
 
     expert = Expert(env)
     frames = [("start", unwrapped.scene)]
-    for _ in range(args.steps):
+    for _ in range(args.max_actions):
         action = expert.act()
         _, reward, terminated, truncated, info = env.step(action)
         name = describe(unwrapped.dynamics.appearance.decode(action))
@@ -47,8 +47,8 @@ def main() -> None:
         print(f"{name}  action {action}, reward {float(reward):+.1f}  {info.get('outcome', '')}".rstrip())
         if terminated or truncated:
             break
-    sheet(task, frames).save(args.output)
-    print(f"the pictures are in {args.output}")
+    sheet(task, frames).save(args.out)
+    print(f"the pictures are in {args.out}")
 
 
 def sheet(title: str, frames: list[tuple[str, Scene]], columns: int = 2) -> Image.Image:

@@ -1,7 +1,7 @@
 """Lets a language model play: it reads the text of TextObservation and answers with the name or index of an action.
 
 If a reply names no action, the model is asked again, up to `--retries` times; then the default action is taken.
-Try: python examples/language_model_agent.py --episodes 1 --steps 12 --nonsense 0.3 --transcript
+Try: python examples/language_model_agent.py --episodes 1 --max-actions 12 --nonsense 0.3 --transcript
 To use a real model, change `answer` to send it the messages and return its reply.
 """
 
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--id", default="lilgym_mp/TowerFlipIt-v0")
     parser.add_argument("--split", default="dev")
     parser.add_argument("--episodes", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=12, help="maximum number of actions per episode")
+    parser.add_argument("--max-actions", type=int, default=12, help="maximum number of actions per episode")
     parser.add_argument(
         "--retries", type=int, default=1, help="how often to ask again after a reply that names no action"
     )
@@ -110,7 +110,7 @@ def main() -> None:
     model = StubModel(args.seed, args.nonsense)
     for episode in range(args.episodes):
         talk = Conversation(verbose=args.transcript)
-        outcome = play(env, model, talk, args.seed + episode, args.steps, args.retries)
+        outcome = play(env, model, talk, args.seed + episode, args.max_actions, args.retries)
         print(f"episode {episode}: {outcome}, {talk.misunderstood} replies named no action")
     env.close()
 

@@ -58,8 +58,14 @@ def load_agent(name: str, device: str = "auto") -> Agent:
 
     Raises:
         ValueError: For an unknown agent or device; the message names the choices.
+        ModuleNotFoundError: Without torch; the message says how to install it.
     """
-    from lilgym_mp.learning.common import agents
+    try:
+        from lilgym_mp.learning.common import agents
+    except ModuleNotFoundError as error:
+        from lilgym_mp.corpus.extras import install
+
+        raise ModuleNotFoundError(f"load_agent needs {error.name}: {install('train')}", name=error.name) from None
 
     return agents.load_agent(name, device)
 

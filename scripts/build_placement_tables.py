@@ -1,6 +1,6 @@
 """Builds data/placement.npz, the lookup tables of `lilgym_mp.scene.appearances.scatter.geometry`, with shapely.
 
-    python scripts/build_placement_tables.py [--output data/placement.npz]
+    python scripts/build_placement_tables.py [--out data/placement.npz]
 
 Overlap, truncated distance and, for most placements, the snap move depend on footprints and offset only. Where
 two outlines have several pairs of nearest points that snap differently, which of them shapely returns hangs
@@ -169,8 +169,8 @@ def build() -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Build the placement tables with shapely.")
     default = Path(__file__).parent.parent / "data" / "placement.npz"
-    parser.add_argument("--output", type=Path, default=default)
-    output = parser.parse_args().output
+    parser.add_argument("--out", type=Path, default=default)
+    output = parser.parse_args().out
     np.savez_compressed(output, **build())
     print(f"wrote {output}: {output.stat().st_size:,} bytes")
 

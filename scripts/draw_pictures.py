@@ -139,7 +139,7 @@ def _choice(partner: Partner, turn: PartnerTurn) -> int:
 
 
 def draw_episode() -> None:
-    _run("examples/first_steps.py", "--seed", "40", "--output", str(PICTURES / "episode.png"))
+    _run("examples/first_steps.py", "--seed", "40", "--out", str(PICTURES / "episode.png"))
 
 
 def draw_architecture() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import posixpath
 import re
 from collections.abc import Iterator
@@ -33,8 +34,30 @@ def _pages(nav: Any) -> Iterator[str]:
             yield from _pages(part)
 
 
+def options_page() -> str:
+    """Every option of every command, from the help of its parser."""
+    from lilgym_mp.cli import make_parser
+
+    return "\n".join(["# Options of all commands", *_option_tables(make_parser())]) + "\n"
+
+
+def _option_tables(parser: argparse.ArgumentParser) -> Iterator[str]:
+    rows: list[str] = []
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield from _option_tables(command)
+        elif names := [name for name in action.option_strings if name.startswith("--")]:
+            text = (action.help or "").replace("%(default)s", str(action.default)).replace("%%", "%")
+            text = text.replace("|", "\\|").replace("<", "&lt;")
+            rows.append(f"| {', '.join(f'`{name}`' for name in names)} | {text} |")
+    if rows:
+        yield from (f"\n## {parser.prog}\n", "| option | meaning |", "|---|---|", *rows)
+
+
 def on_files(files: Files, config: Any) -> Files:
-    """Adds the pages from the repository root."""
+    """Adds the pages from the repository root, and that of the options."""
+    files.append(File.generated(config, "options.md", content=options_page()))
     for page, source in OUTSIDE.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / source)))
     return files

@@ -134,8 +134,8 @@ def _opening(settings: Sequence[Settings]) -> Iterator[str]:
     for one in settings:
         yield _film(one.configuration)
     yield (
-        "The included agent `parse-and-plan` plays tasks that it was not trained on. With "
-        "`render_cells=True`, frames show the grid:"
+        "The included agent `parse-and-plan` plays tasks that it was not trained on. With `render_cells=True`, frames "
+        f"{'name the boxes' if settings[0].dynamics().appearance.grid is None else 'show the grid'}:"
     )
     for one in settings:
         yield f"![A start scene of {one.configuration} with the grid](../pictures/{one.configuration}.png)"
@@ -321,8 +321,8 @@ def _default(value: object) -> str:
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+    head, *lines = [f"| {' | '.join(map(str, line))} |" for line in (header, *rows)]
+    return "\n".join([head, "|" + "---|" * len(header), *lines])
 
 
 def documents() -> dict[Path, str]:

@@ -49,7 +49,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 
 def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> None:
-    assert "reward" in run("first_steps.py", "--steps", "2")
+    assert "reward" in run("first_steps.py", "--max-actions", "2")
     assert (tmp_path / "first_steps.png").stat().st_size > 0
 
 

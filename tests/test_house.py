@@ -109,14 +109,15 @@ def test_packaging__every_module_and_data_file_is_shipped(installed_form: Path):
     assert not missing, f"add to tool.setuptools.package-data in pyproject.toml: {missing}"
 
 
-def test_packaging__a_source_distribution_has_the_package_and_no_tests(tmp_path: Path):
+def test_packaging__a_source_distribution_has_the_package_its_tests_and_documents(tmp_path: Path):
     _needs("setuptools")
     program = "from setuptools import setup; setup()"
     _passes(sys.executable, "-c", program, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
     (packed,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(packed) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    assert not [name for name in names if name.startswith("tests/")]
+    documents = {"tests/conftest.py", "docs/index.md", "examples/demo.py", "integrations/trl/lilgym_trl.py"}
+    assert documents <= names
     assert {"wrappers/__init__.py", "data/builtin.jsonl.gz", "lilgym_mp/py.typed", "README.md"} <= names
 
 
@@ -215,6 +216,13 @@ def test_install__names_the_packages_of_the_extra(extra: str, monkeypatch: pytes
     expected = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
     assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == expected
     assert extras.install(extra).endswith(f"(the extra {extra})")
+
+
+def test_load_agent__without_torch_names_the_extra(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "lilgym_mp.learning.common.agents", None)
+    monkeypatch.delattr("lilgym_mp.learning.common.agents", raising=False)
+    with pytest.raises(ModuleNotFoundError, match=r"load_agent needs .*: pip install .*\(the extra train\)"):
+        lilgym_mp.load_agent("parse-and-plan")
 
 
 def test_install__of_a_checkout_that_is_not_installed(monkeypatch: pytest.MonkeyPatch):

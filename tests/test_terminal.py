@@ -89,7 +89,7 @@ def test_progress__says_at_once_what_it_is_doing_and_goes_on_saying_so(monkeypat
 COMMANDS = {  # long-running commands, and the progress they end with
     "evaluate --policy random-legal --configuration TowerScratch": "150 of 150 episodes",
     "llm play TowerScratch --agent expert --episodes 1": "1 of 1 episodes",  # progress on a terminal only
-    "solve TowerScratch --limit 2": "2 of 2 tasks",
+    "solve TowerScratch --episodes 2": "2 of 2 tasks",
 }
 
 

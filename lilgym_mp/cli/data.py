@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
     download = add("download", _download, "download the official corpus into the user's cache")
     download.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
-    _add_several(download, "splits", SPLITS)
+    _add_several(download, "split", SPLITS)
 
     local = add("import", _import, "install the official corpus from a directory or a checkout")
     local.add_argument("path", type=Path, metavar="DIRECTORY", help="directory with released files, at any depth")
@@ -84,11 +84,11 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
     files = {split: "lists to write (.split.json[.gz])", export: "file to write (.jsonl[.gz])"}
     for parser in (generate, synthesize, permute, export, split):
         written = files.get(parser, "corpus file to write (.jsonl[.gz])")
-        parser.add_argument("--out", "--output", type=Path, required=True, metavar="FILE", help=written)
+        parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=written)
         parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
         _add_several(parser, "appearances", TEMPLATES if parser is generate else APPEARANCES)
         if parser is not split:
-            _add_several(parser, "splits", SPLITS)
+            _add_several(parser, "split", SPLITS)
 
 
 def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
@@ -97,13 +97,13 @@ def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
 
 def _add_several(parser: argparse.ArgumentParser, name: str, choices: Iterable[str]) -> None:
     known = list(choices)
-    help_text = f"{name} to include (default: all)"
+    help_text = f"{name.removesuffix('s')}s to include (default: all)"
     parser.add_argument(f"--{name}", nargs="+", choices=known, default=known, help=help_text)
 
 
 def _download(args: argparse.Namespace) -> int:
     target = installed_directory()
-    names = [name for name in official_names(args.splits) if not (target / name).exists()]
+    names = [name for name in official_names(args.split) if not (target / name).exists()]
     if not names:
         print(f"already installed: {target}")
         return 0
@@ -147,8 +147,8 @@ def _generate(args: argparse.Namespace) -> int:
     args.corpus = f"generated:{args.level}:{args.seed}"
     spec = CorpusSpec.parse(args.corpus)
     rows = list[Mapping[str, object]]()
-    with Progress(len(args.appearances) * len(args.splits), "splits") as progress:
-        for appearance, split in product(args.appearances, args.splits):
+    with Progress(len(args.appearances) * len(args.split), "splits") as progress:
+        for appearance, split in product(args.appearances, args.split):
             for index, entry in enumerate(generated_entries(spec, appearance, split, args.number), 1):
                 name = f"{appearance}-{split}-{args.level}-{index}"
                 starts = [(f"{name}-{n}", start) for n, start in enumerate(entry.starts, 1)]
@@ -161,7 +161,7 @@ def _generate(args: argparse.Namespace) -> int:
 
 def _synthesize(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "starts")
-    found = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
+    found = list(synthesize(args.corpus, args.appearances, args.split, starts=args.starts, seed=args.seed))
     entries = [entry for entry in found if args.starts < 2 or not _is_always_true(entry)]
     _write_corpus(args, f"{args.corpus}, synthesized starts, seed {args.seed}", entries)
     labels = [start["label"] for entry in entries for start in entry["starts"]]
@@ -190,7 +190,7 @@ def _is_always_true(entry: Mapping[str, Any]) -> bool:
 def _permute(args: argparse.Namespace) -> int:
     entries: list[Mapping[str, object]] = []
     before = after = 0
-    for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.splits):
+    for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.split):
         permuted = with_permuted_boxes(tasks, distinct=True)
         before, after = before + len(tasks), after + len(permuted)
         entries += flipit_entries(permuted)
@@ -200,7 +200,7 @@ def _permute(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.splits)))
+    rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.split)))
     _write(args, rows)
     print(f"{len(rows):,} tasks")
     return 0

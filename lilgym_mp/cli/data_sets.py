@@ -81,7 +81,9 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         " (default: %(default)s)",
     )
     options.add_argument("--returns-to-go", action="store_true", help="add the sum of rewards from each action on")
-    options.add_argument("--optimal", action="store_true", help="add the expert's best actions (slow in Scatter)")
+    options.add_argument(
+        "--optimal-actions", action="store_true", help="add the expert's best actions (slow in Scatter)"
+    )
     options.add_argument("--force", action="store_true", help="overwrite the file named by --out")
 
 
@@ -182,7 +184,7 @@ def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: 
         **_tokens(env),
         **about,
     }
-    options = {"returns_to_go": args.returns_to_go, "optimal": args.optimal}
+    options = {"returns_to_go": args.returns_to_go, "optimal": args.optimal_actions}
     total = sum(len(source.episodes) for source in sources)
     if total == 0:
         raise CommandError("there are no episodes to write")

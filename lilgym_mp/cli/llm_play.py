@@ -69,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--scene",
         choices=["list", "image", "both"],
         default="list",
-        help="show scenes as a list of items, as a picture for models that see, or as both (default: %(default)s)",
+        help="show scenes as a list of items, as a picture for vision models, or as both (default: %(default)s)",
     )
     parser.add_argument("--no-legal-actions", action="store_true", help="do not list the legal actions")
     parser.add_argument("--no-system", action="store_true", help="state the rules in the first user message")

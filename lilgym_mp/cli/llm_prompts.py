@@ -19,13 +19,13 @@ from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth or program")
+    parser.add_argument("--kind", required=True, metavar="KIND", help="plan, truth or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
     parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")
     add_number(parser, "--min-actions", 2, "of the shortest plan")
     parser.add_argument("--max-actions", type=int, metavar="N", help="of the shortest plan (default: the horizon)")
-    add_number(parser, "--count", 1_000, "number of prompts")
+    add_number(parser, "--episodes", 1_000, "number of prompts")
     add_seed(parser, "of the tasks")
     parser.add_argument(
         "--scene",
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='how plan and truth prompts show the scene; unless a list, rows have "messages", pictures in base64'
         " (default: %(default)s)",
     )
-    parser.add_argument("--answers", action="store_true", help='add the expert\'s reply as "answer"')
+    parser.add_argument("--expert-answers", action="store_true", help='add the expert\'s reply as "answer"')
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
@@ -42,20 +42,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.rlvr import expert_reply, messages_of, rows
 
-    check_at_least(args, 1, "count")
+    check_at_least(args, 1, "episodes")
     lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}
-    endless = rows(args.task, args.appearance, args.level, seed=args.seed, split=args.split, **lengths)
+    endless = rows(args.kind, args.appearance, args.level, seed=args.seed, split=args.split, **lengths)
     fresh_file(args.out, force=args.force)
 
     def write(path: Path) -> None:
-        with path.open("w", encoding="utf-8") as file, Progress(args.count, "prompts") as progress:
-            for row in islice(endless, args.count):
-                added: dict[str, Any] = {"answer": expert_reply(row)} if args.answers else {}
+        with path.open("w", encoding="utf-8") as file, Progress(args.episodes, "prompts") as progress:
+            for row in islice(endless, args.episodes):
+                added: dict[str, Any] = {"answer": expert_reply(row)} if args.expert_answers else {}
                 if args.scene != "list":
                     added["messages"] = messages_of(row, args.scene)
                 file.write(json.dumps({**row.to_json(), **added}, ensure_ascii=False) + "\n")
                 progress.advance()
 
     write_atomically(args.out, write)
-    print(f"{args.count:,} prompts: {args.out}")
+    print(f"{args.episodes:,} prompts: {args.out}")
     return 0

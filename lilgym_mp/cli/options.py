@@ -17,7 +17,7 @@ from typing import Any
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
+from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig, option_name
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.scene.choices import flag_name
 
@@ -72,13 +72,20 @@ def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, S
         module.add_options(command, *(more or {}).get(name, ()))
 
 
-def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig) -> None:
-    """An option for every field of the configuration that is a setting."""
-    add_fields(parser.add_argument_group("environment"), config.settings().values())
+def add_settings(
+    parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig, texts: Mapping[str, str] | None = None
+) -> None:
+    """An option for every field of the configuration that is a setting; `texts` as in `add_fields`."""
+    add_fields(parser.add_argument_group("environment"), config.settings().values(), texts)
 
 
-def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) -> None:
-    """An option for each field made by `setting`; its help ends with its default unless it has told one."""
+def add_fields(
+    group: argparse._ActionsContainer, fields: Iterable[Field[Any]], texts: Mapping[str, str] | None = None
+) -> None:
+    """An option for each field made by `setting`; its help ends with its default unless it has told one.
+
+    `texts`: help, by name, of options that differ from what the fields say.
+    """
     for each in fields:
         default = each.default
         known = each.metadata
@@ -91,11 +98,13 @@ def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) 
             kind = {"choices": known["choices"]}
         elif known["kind"] in (int, float):
             kind["metavar"] = "N"
-        text = known["description"]
+        text = (texts or {}).get(each.name, known["description"])
         text += "" if default is None or "(default" in text else f" (default: {shown})"
         details = dict(known["shown"])
-        flag = flag_name(details.pop("flag", each.name))
-        group.add_argument(f"--{flag}", dest=each.name, default=None, help=text, **{**kind, **details})
+        details.pop("flag", None)
+        group.add_argument(
+            f"--{flag_name(option_name(each))}", dest=each.name, default=None, help=text, **{**kind, **details}
+        )
 
 
 def add_corpus(parser: argparse.ArgumentParser) -> None:

@@ -26,6 +26,7 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.evaluation.episodes import outcome_words
 from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
@@ -85,7 +86,7 @@ def _input_lines() -> Iterator[str]:
             return
         if not sys.stdin.isatty():
             print(line)
-        if line.lower() == "quit":
+        if line.lower() in ("quit", "q"):
             return
         yield line
 
@@ -104,7 +105,8 @@ class Session:
             "show": self._show,
             "back": lambda: self.begin(task_id=self._env.task.id),
             "next": self.begin,
-            "help": lambda: print("\n".join([usage(self._env.dynamics.appearance.grid), *HELP])),
+            "help": self._help,
+            "?": self._help,
         }
 
     def begin(self, seed: int | None = None, task_id: str | None = None) -> None:
@@ -137,19 +139,23 @@ class Session:
         if self._episode_over:
             self._successes.append(info["is_success"])
             reason = f" ({info['invalid_reason']})" if "invalid_reason" in info else ""
-            self._last_result += f", {info['outcome']}{reason}".replace("_", " ")
+            self._last_result += f", {outcome_words(info['outcome'] + reason)}"
         self._show()
 
     def _show(self) -> None:
         env = self._env
         task = self._env.task
-        print(ruled(text(env.scene, [], coloured=shows_colours()), env.dynamics.appearance.grid))
         left = env.dynamics.horizon - env.state.steps
         print(f'"{task.statement}"\nMake this {str(task.target).lower()}, then stop. Actions left: {left}.')
+        print(ruled(text(env.scene, [], coloured=shows_colours()), env.dynamics.appearance.grid))
+        print(LEGEND)
         if self._last_result:
             print(self._last_result)
         if self._episode_over:
             print("Type next, back or quit.")
+
+    def _help(self) -> None:
+        print("\n".join([usage(self._env.dynamics.appearance), *HELP]))
 
     def _hint(self) -> None:
         from lilgym_mp.scene.appearances import UnsupportedAppearance
@@ -190,13 +196,14 @@ def usage(appearance: Appearance) -> str:
     return "; ".join((forms, *places.limits))
 
 
+LEGEND = "o circle, # square, ^ triangle; y yellow, k black, b blue. q quits, ? helps."
 HELP = (
     "stop             end the episode, once the statement has the target value",
     "hint             show an optimal action",
     "show             show the picture again",
     "next             go to another task",
     "back             restart this task",
-    "quit             leave (as do the end of input and Ctrl-C)",
+    "quit             leave (as do q, the end of input and Ctrl-C)",
     "Brackets and commas may be left out: add left black is ADD(LEFT, BLACK).",
 )
 
@@ -230,7 +237,7 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
         rewards += earned
     print(text(game.scene, [], coloured=shows_colours()))
     totals = ", ".join(f"{agent} {reward:+.1f}" for agent, reward in zip(AGENTS, rewards, strict=True))
-    print(f"{info['outcome'].replace('_', ' ')}; {totals}")
+    print(f"{outcome_words(info['outcome'])}; {totals}")
     return 0
 
 

@@ -60,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--split", nargs="+", choices=list(SPLITS), help="splits of the corpus (default: the tasks', else dev)"
     )
-    parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
+    parser.add_argument("--episodes", type=int, metavar="N", help="only the first N tasks of each split")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
     parser.add_argument("--force", action="store_true", help="overwrite the file named by --out")
     parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
@@ -76,7 +76,7 @@ def add_solving(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    check_at_least(args, 1, "limit")
+    check_at_least(args, 1, "episodes")
     if args.out is not None:
         fresh_file(args.out, force=args.force)
     chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or BUILTIN_CONFIGURATIONS]
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     for settings in chosen:
         for split in args.split or [split_of(settings, None)]:
             tasks = settings.tasks(split)
-            reports = solve_shown(tasks[: args.limit], settings, split, args)
+            reports = solve_shown(tasks[: args.episodes], settings, split, args)
             name = f"{settings.configuration} {split}"
             dynamics = settings.dynamics()
             summaries[name] = summarise(reports)
@@ -119,8 +119,8 @@ def _run_tasks(chosen: Sequence[EnvConfig], args: argparse.Namespace) -> int:
     """Prints the solutions of the named tasks, action by action."""
     if len(chosen) != 1 or len(args.split or ["one"]) != 1:
         raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
-    if args.out is not None or args.limit is not None:
-        raise CommandError("--task excludes --out and --limit")
+    if args.out is not None or args.episodes is not None:
+        raise CommandError("--task excludes --out and --episodes")
     (settings,) = chosen
     split = split_of(settings, *(args.split or [None]), *args.task)
     dynamics = settings.dynamics()

@@ -12,7 +12,7 @@ from typing import Any
 
 from lilgym_mp.cli import options
 from lilgym_mp.cli.options import CommandError, given_options
-from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.config import COARSE_GRID_HELP, EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
@@ -35,8 +35,24 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
         help="also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
     )
     if learner.config is not None:
-        options.add_settings(parser, learner.config)
-    options.add_fields(parser.add_argument_group("recipe"), learner.recipe.settings())
+        options.add_settings(parser, learner.config, {"grid": COARSE_GRID_HELP})
+    options.add_fields(parser.add_argument_group("recipe"), learner.recipe.settings(), _varying_defaults(learner))
+
+
+def _varying_defaults(learner: Learner) -> dict[str, str]:
+    """The help of the recipe's settings whose defaults depend on the appearance or the start."""
+    known = learner.recipe.by_appearance
+    parts = {name: split for name, split in CONFIGURATIONS.items() if not known or split[0] in known}
+    recipes = {split: learner.recipe.of(name) for name, split in parts.items()}
+    texts: dict[str, str] = {}
+    for each in learner.recipe.settings():
+        for index in range(2):  # by appearance, else by start
+            values = {(split[index], getattr(recipe, each.name)) for split, recipe in recipes.items()}
+            found = dict(values)
+            if len(found) == len(values) and len(set(found.values())) > 1:
+                shown = ", ".join(f"{found[name]:g} in {name}" for name in sorted(found))
+                texts[each.name] = f"{each.metadata['description']} (default: {shown})"
+    return texts
 
 
 def train(args: argparse.Namespace, name: str, learner: Learner) -> int:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.single import LilGymEnv
 
 CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
-GRID_HELP = f'columns and rows of Scatter (default: {"x".join(map(str, RELEASED_GRID))}), or "{NATIVE}" for pixels'
+COARSE_GRID_HELP = f"columns and rows of Scatter (default: {'x'.join(map(str, RELEASED_GRID))})"
+GRID_HELP = f'{COARSE_GRID_HELP}, or "{NATIVE}" for pixels'
 
 
 def setting(
@@ -48,6 +49,11 @@ def setting(
     metadata = {"description": description, "bounds": (lowest, highest), "choices": choices}
     more = {"kind": kind or type(default), "shown": shown}
     return field(default=default, metadata={**metadata, **more})
+
+
+def option_name(field: Field[Any]) -> str:
+    """The name of a field as an option, which may differ from the field's: that of a saved recipe never changes."""
+    return field.metadata["shown"].get("flag", field.name)
 
 
 def _plain(value: Any) -> Any:

@@ -90,3 +90,8 @@ def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[
     if len(actions) == dynamics.horizon and not dynamics.rules.applies_edit_at_horizon:
         visited[-1] = visited[-2]
     return visited
+
+
+def outcome_words(outcome: str) -> str:
+    """An outcome as people read it, such as "wrong STOP"."""
+    return outcome.replace("_", " ").replace("stop", "STOP")

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.episodes import Episode
+from lilgym_mp.evaluation.episodes import Episode, outcome_words
 from lilgym_mp.evaluation.files import write_atomically
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import describe
@@ -69,7 +69,7 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
         rgb = PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
-            caption += f": {info['outcome'].replace('_', ' ')}, return {episode.reward:+.1f}"
+            caption += f": {outcome_words(info['outcome'])}, return {episode.reward:+.1f}".replace("-", "−")
         yield frame(caption, rgb)
 
 

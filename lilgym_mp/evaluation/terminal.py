@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SILENT_SECONDS = 10.0  # longest time without a line, where there is no bar
 GAP = 2  # blanks between the columns of a table
-NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
+NUMBER = re.compile(r"(< )?[-−+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
 
 def takes_escapes(stream: TextIO) -> bool:
@@ -139,13 +139,14 @@ def _bar() -> RichProgress:
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None) -> str:
     """Lines with aligned columns: numbers right-aligned with thousands separators, text left-aligned.
 
-    `width`: columns of the terminal, by default that of standard output if it is one. What does not fit follows as
-    further tables with the same first column; words are never split.
+    `width`: columns of the terminal, by default COLUMNS if it is set, or those of standard output if it is one. What
+    does not fit follows as further tables with the same first column; words are never split.
     """
     cells = [[_cell(value) for value in row] for row in rows]
     widths = [max(len(name), *(len(row[column][0]) for row in cells), 0) for column, name in enumerate(header)]
     if width is None:
-        width = get_terminal_size().columns if sys.stdout.isatty() else sum(widths) + GAP * len(header)
+        fits = sys.stdout.isatty() or os.environ.get("COLUMNS")
+        width = get_terminal_size().columns if fits else sum(widths) + GAP * len(header)
     blocks = [[0]]
     for column in range(1, len(header)):
         if sum(widths[other] + GAP for other in blocks[-1]) + widths[column] > width and len(blocks[-1]) > 1:

@@ -11,11 +11,12 @@ from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.reference import Evaluation, build_closure
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import elements
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Scene
+from lilgym_mp.scene import BOX_PITCH, Item, Scene, Shape, Size
+from lilgym_mp.scene.appearances.tower import BLOCK_X, LEVEL_Y
 
 BOX_TITLES = ("left", "middle", "right")
 CELL_SIDE = 20  # pixels of a cell of the released grid
-SIZE_NAMES = {"BIG": "large"}  # sizes whose name in programs differs from the rest of the package
+LEVELS = ("at the bottom", *(f"{name} from the bottom" for name in ("second", "third", "fourth")))  # of blocks
 
 
 ItemIndex = tuple[int, int]  # box index, index in the box
@@ -118,13 +119,16 @@ def _value_text(value: Any) -> str:
             return str(value)
 
 
-def _item_text(item: ItemView) -> str:
-    size = SIZE_NAMES.get(item.size.name, item.size.name.lower())
-    words = f"{size} {item.color.name} {item.shape.name}".lower()
-    x, y = (item.left + item.right) // 2, BOX_SIDE - (item.top + item.bottom) // 2
-    return f"{words} at {cell_text(item.box.index, x, y)} in the {BOX_TITLES[item.box.index]} box"
+def _item_text(view: ItemView) -> str:
+    box = view.box
+    return f"{item_text(box.index, view.index, box.content.items[view.index])} in the {BOX_TITLES[box.index]} box"
 
 
-def cell_text(box_index: int, x: int, y: int) -> str:
-    """The cell, as in Scatter's actions, that contains a point of the box, in pixels."""
-    return f"column {(box_index * BOX_PITCH + x) // CELL_SIDE}, row {y // CELL_SIDE}"
+def item_text(box_index: int, index: int, item: Item) -> str:
+    """An item of a box in words, with its level if it lies where a stack has its block, else with its cell."""
+    colour = item.colour.name.lower()
+    if index < len(LEVELS) and item == (BLOCK_X, LEVEL_Y[index], Shape.SQUARE, item.colour, Size.MEDIUM):
+        return f"{colour} block {LEVELS[index]}"
+    middle_x, middle_y = box_index * BOX_PITCH + item.x + item.side // 2, item.y + item.side // 2
+    cell = f"column {middle_x // CELL_SIDE}, row {middle_y // CELL_SIDE}"
+    return f"{item.size.name} {colour} {item.shape.name} at {cell}".lower()

@@ -104,14 +104,14 @@ def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_p
 
 def test_synthesize__writes_a_corpus_of_near_misses(data: Run, own: Path, tmp_path: Path):
     path = tmp_path / "new.jsonl.gz"
-    output = data("synthesize", own, "--output", path, "--starts", 2, "--seed", 5)
+    output = data("synthesize", own, "--out", path, "--starts", 2, "--seed", 5)
     assert "3 statements, 6 start scenes, 3 true and 3 false" in output
     assert "no faults" in data("check", path)
     assert load_tasks(path, "scatter", "flipit", "dev").ids == ("round:1", "round:2")
 
 
 def test_permute__writes_all_permutations_of_boxes(data: Run, own: Path, tmp_path: Path):
-    output = data("permute", own, "--output", tmp_path / "new.jsonl")
+    output = data("permute", own, "--out", tmp_path / "new.jsonl")
     assert "3 statements, 4 start scenes permuted into 15" in output
     assert "no faults" in data("check", tmp_path / "new.jsonl")
     assert load_tasks(tmp_path / "new.jsonl", "scatter", "flipit", "dev").ids[0] == "round-yes"
@@ -135,11 +135,11 @@ def test_split__names_its_corpus_by_a_path_relative_to_its_own(data: Run, own: P
 def test_output__is_overwritten_only_with_force(command: str, data: Run, error_of: Run, own: Path, tmp_path: Path):
     path = tmp_path / "new.jsonl"
     path.write_text("precious")
-    assert "new.jsonl exists; --force overwrites it" in error_of(command, own, "--output", path)
+    assert "new.jsonl exists; --force overwrites it" in error_of(command, own, "--out", path)
     assert path.read_text() == "precious"
-    data(command, own, "--output", path, "--force")
+    data(command, own, "--out", path, "--force")
     assert path.read_text() != "precious"
-    assert f"cannot write results to {own}" in error_of(command, own, "--output", own / "new.jsonl")
+    assert f"cannot write results to {own}" in error_of(command, own, "--out", own / "new.jsonl")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["new.jsonl", "own.jsonl"]
 
 

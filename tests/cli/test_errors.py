@@ -83,7 +83,7 @@ def test_options__with_several_values_add_up_when_given_again():
     args = parse_args([*words, *again])
     assert args.policy == ["expert", "random-legal", "random-type"]
     assert args.configuration == ["TowerScratch", "TowerFlipIt"]
-    assert parse_args(["data", "download", "--splits", "dev", "--splits", "test"]).splits == ["dev", "test"]
+    assert parse_args(["data", "download", "--split", "dev", "--split", "test"]).split == ["dev", "test"]
 
 
 @pytest.mark.parametrize("command", [None, *COMMANDS])

@@ -53,7 +53,7 @@ def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own: st
         train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", resume=True)
 
 
-def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
+def test_ppo__a_budget_given_again_is_remembered(own: str, tmp_path: Path):
     recipe = PPORecipe.of("TowerScratch", **PPO)
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=32, device="cpu")
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=64, device="cpu", resume=True)

@@ -82,6 +82,32 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
 
 
+@pytest.mark.parametrize(
+    ("learner", "expected"),
+    [
+        ("reward-model", "before training begins (default: 250 in scatter, 150 in tower)"),
+        ("reward-model", "more suit Scatter (default: 16 in scatter, 0 in tower)"),
+        ("reward-model", "scenes kept by the search (default: 3 in scatter, 16 in tower)"),
+        ("imitation", "per statement in a batch (default: 8 in scatter, 16 in tower)"),
+        ("imitation", "querying the expert (default: 10 in scatter, 13 in tower)"),
+        ("ppo", "above 0 the agent also plays Scratch (default: 0.25 in flipit, 0 in scratch)"),
+    ],
+)
+def test_train_help__prints_the_defaults_of_each_appearance_or_start(
+    learner: str, expected: str, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit):
+        main(["train", learner, "--help"])
+    assert expected in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("learner", ["imitation", "ppo", "reward-model", "game"])
+def test_train_help__does_not_offer_the_native_grid(learner: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        main(["train", learner, "--help"])
+    assert "native" not in capsys.readouterr().out
+
+
 def test_tensorboard__gets_the_numbers_of_each_progress_line(
     lilgym: LilGym, tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -162,7 +188,7 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
     run = tmp_path / "run"
-    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
+    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out-statements", 5]
     output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
     assert f"lilgym-mp evaluate {run} --corpus {own}" in output
     assert names(lilgym("evaluate", run, "--corpus", own))[0] == f"parse-and-plan ({run})"

@@ -92,7 +92,7 @@ def test_mixed__has_a_third_of_each_quality(collect: Collect):
 
 
 def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
-    found = collect("TowerScratch", "--episodes", "5", "--optimal")
+    found = collect("TowerScratch", "--episodes", "5", "--optimal-actions")
     taken = found["optimal"][np.arange(len(found["action"])), found["action"]]
     assert taken.all()
     assert found["optimal"].sum() > len(taken)
@@ -123,7 +123,7 @@ def test_files__of_equal_options_and_seeds_are_equal(tmp_path: Path):
 
 
 def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: Collect, tmp_path: Path):
-    options = ["--episodes", "3", "--optimal"]
+    options = ["--episodes", "3", "--optimal-actions"]
     arrays = collect("TowerFlipIt", *options)
     command = ["data", "collect", "TowerFlipIt", "--split", "dev", *options]
     assert main([*command, "--out", str(tmp_path / "own.jsonl.gz")]) == 0

@@ -20,13 +20,13 @@ def written(path: Path, *lines: object) -> str:
 @pytest.mark.parametrize("kind", KINDS)
 def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = tmp_path / "prompts.jsonl"
-    command = ["llm", "prompts", "--task", kind, "--level", "2", "--count", "4", "--out", str(prompts)]
+    command = ["llm", "prompts", "--kind", kind, "--level", "2", "--episodes", "4", "--out", str(prompts)]
     assert main(command) == 0
     rows = [json.loads(line) for line in prompts.read_text().splitlines()]
     assert [set(row) & {"prompt", "answer"} for row in rows] == [{"prompt"}] * 4
     assert main(command) == 2
     assert "--force overwrites it" in capsys.readouterr().err
-    assert main([*command, "--answers", "--force"]) == 0
+    assert main([*command, "--expert-answers", "--force"]) == 0
     rows = [json.loads(line) for line in prompts.read_text().splitlines()]
     replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in rows[:3]))
     assert main(["llm", "score", str(prompts), "--answers", replies, "--out", str(tmp_path / "scores.json")]) == 0
@@ -40,7 +40,7 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
 
 def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: Path):
     prompts, scores = str(tmp_path / "prompts.jsonl"), tmp_path / "scores.json"
-    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--kind", "truth", "--episodes", "2", "--expert-answers", "--out", prompts]) == 0
     first, second = (json.loads(line) for line in Path(prompts).read_text().splitlines())
     right = {"id": first["id"], "reply": first["answer"]}
     samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
@@ -65,7 +65,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
 
 def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
     prompts = tmp_path / "prompts.jsonl"
-    command = ["llm", "prompts", "--task", "truth", "--count", "1", "--scene", "image", "--out", str(prompts)]
+    command = ["llm", "prompts", "--kind", "truth", "--episodes", "1", "--scene", "image", "--out", str(prompts)]
     assert main(command) == 0
     row = json.loads(prompts.read_text())
     ((shown, text),) = [message["content"] for message in row["messages"]]
@@ -76,7 +76,7 @@ def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
 
 def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["llm", "prompts", "--task", "truth", "--count", "1", "--answers", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--kind", "truth", "--episodes", "1", "--expert-answers", "--out", prompts]) == 0
     row = json.loads(Path(prompts).read_text())
     wrong = {"true": "false", "false": "true"}[row["answer"]]
     answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
@@ -90,7 +90,7 @@ def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--kind", "truth", "--episodes", "2", "--expert-answers", "--out", prompts]) == 0
     first, second = (json.loads(line) for line in Path(prompts).read_text().splitlines())
     nan = {"id": first["id"], "reply": float("nan")}
     cut = {"id": second["id"], "reply": second["answer"], "finish_reason": "length"}
@@ -101,7 +101,7 @@ def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(
 
 def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--kind", "truth", "--episodes", "2", "--out", prompts]) == 0
     row = json.loads(Path(prompts).read_text().splitlines()[0])
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})
     samples = [{"id": row["id"], "sample": 0, "reply": reply} for reply in ("true", "true", "false")]

@@ -31,7 +31,7 @@ def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, 
 
 
 def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):
-    assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--limit", "2"]) == 0
+    assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--episodes", "2"]) == 0
     assert "TowerFlipIt train 2 2 (100.00 %) 2 " in " ".join(capsys.readouterr().out.split())
 
 
@@ -44,7 +44,7 @@ def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
     ("options", "message"),
     [
         (["--budget", "0"], "budget must be a positive whole number of scenes"),
-        (["--limit", "0"], "--limit must be at least 1, not 0"),
+        (["--episodes", "0"], "--episodes must be at least 1, not 0"),
         (["--horizon", "0"], "horizon must be a positive whole number"),
         (["--corpus", "nowhere.jsonl"], "nowhere.jsonl"),
         (["Sideways"], "unknown configuration 'Sideways'"),
@@ -74,7 +74,7 @@ def test_solve__shows_single_tasks_action_by_action(corpus: str, capsys: Capture
     [
         (["TowerFlipIt", "--show"], "--show needs --task ID"),
         (["--task", "1"], "--task needs exactly one CONFIGURATION"),
-        (["TowerFlipIt", "--task", "1", "--limit", "3"], "--task excludes"),
+        (["TowerFlipIt", "--task", "1", "--episodes", "3"], "--task excludes"),
         (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
     ],
 )

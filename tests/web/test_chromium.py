@@ -23,6 +23,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from tests.browser import Watched, axe_script, chromium, watched_page
+from tests.corpora import write_thin_corpus
 from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
 from tests.web.web_app import server
 
@@ -578,7 +579,7 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched: Watched):
     page.wait_for_selector("#viewer .strip img")
     assert page.is_hidden("#nothing")
     assert page.locator("#episodes button").count() == 12
-    facts = page.inner_text(".side .facts >> nth=-1")
+    facts = page.inner_text(".side > div .facts")
     assert "when its plan has no action left" in facts
     assert "Satisfied readings" in facts
     page.press("#viewer", "End")
@@ -586,6 +587,45 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched: Watched):
     page.wait_for_selector(".side [role=status]:has-text('STOP')")
     assert "✓" in page.inner_text(".side .bars >> nth=2")
     _assert_clean(watched)
+
+
+def test_watch__offers_each_agent_where_it_can_play(page: Any):
+    pytest.importorskip("torch")
+    page.goto("/watch")
+    offered = page.eval_on_selector_all(
+        "#request optgroup", "all => all.map(each => [each.label, [...each.children].map(one => one.text)])"
+    )
+    assert {label.split(" (")[0]: set(names) for label, names in offered}["ppo-tower"] == {
+        "TowerScratch",
+        "TowerFlipIt",
+    }
+    assert page.input_value("[name=play]") == "agent:parse-and-plan TowerFlipIt"
+
+
+def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(browser: Any, tmp_path: Path):
+    """A corpus of Scatter alone: Tower is shown as missing, and no agent of Tower is offered."""
+    pytest.importorskip("torch")
+    scatter = [line for line in _corpus_lines(tmp_path) if '"tower"' not in line]
+    path = tmp_path / "scatter.jsonl"
+    path.write_text("".join(scatter))
+    with served(tmp_path, corpus=str(path)) as (url, _), watched_page(browser, url=url) as watched:
+        page = watched.page
+        for address in ("/annotate", "/explore"):
+            page.goto(address)
+            assert page.inner_text("[name=appearance] option:disabled") == "tower: not in this corpus"
+        page.goto("/play")
+        page.wait_for_selector("#statement:not(:empty)")
+        configurations = page.eval_on_selector_all("[name=configuration] option", "all => all.map(one => one.text)")
+        assert configurations == ["ScatterScratch", "ScatterFlipIt"]
+        page.goto("/watch")
+        disabled = page.eval_on_selector_all("#request optgroup:disabled", "all => all.map(each => each.innerText)")
+        assert all("plays no tasks of this corpus" in text for text in disabled)
+        assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
+
+
+def _corpus_lines(directory: Path) -> list[str]:
+    """A thin corpus of both appearances, line by line."""
+    return write_thin_corpus(directory / "thin.jsonl", 40).read_text().splitlines(keepends=True)
 
 
 def _play_out(page: Any) -> None:
@@ -607,7 +647,7 @@ def _play_out(page: Any) -> None:
     raise AssertionError("the game did not end")
 
 
-def test_beat__the_shared_address_begins_the_same_tasks_anew(browser: Any, tmp_path: Path):
+def test_beat__the_shared_address_begins_the_same_tasks_again(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched, watched_page(browser) as other:
         page = watched.page
         page.goto("/beat?seed=7")

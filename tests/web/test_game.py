@@ -169,9 +169,7 @@ def test_seat__two_browsers_share_a_game(app: Any):
     assert (asked["proposal"], asked["answers"]) == ("ADD(MIDDLE, BLACK)", ["reject", "accept"])
     act(other, made["verifier"], "accept")
     scene = seat(one, made["proposer"])["scene"]
-    assert [(item["box"], item["description"]) for item in scene["items"]] == [
-        (1, "medium black square at column 9, row 4")
-    ]
+    assert [(item["box"], item["description"]) for item in scene["items"]] == [(1, "black block at the bottom")]
 
 
 def test_seat__a_rejection_keeps_the_scene_and_is_visible_to_the_proposer(browser: Browser):

@@ -127,7 +127,7 @@ def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: 
         assert browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).status_code == 201
 
 
-def test_database__that_is_moved_away_is_created_anew(tmp_path: Path):
+def test_database__that_is_moved_away_is_created_again(tmp_path: Path):
     with server(tmp_path) as app:
         browser = Browser(app)
         first = browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).json()["id"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -239,3 +240,13 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
         fewer = recording.episodes[:3]
         write_episodes(path, replace(recording.header, episodes=3), fewer)
         assert (found(browser, "expert")["episodes"], before["episodes"]) == (3, len(recording.episodes))
+
+
+def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path: Path):
+    pytest.importorskip("torch")
+    with server(tmp_path) as app:
+        page = Browser(app).get("/watch").text
+    offered = set(re.findall(r'<option value="agent:(\S+) (\w+)"', page))
+    assert ("ppo-tower", "TowerFlipIt") in offered
+    assert ("ppo-tower", "ScatterFlipIt") not in offered
+    assert ("imitation-scatter", "ScatterScratch") in offered

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from urllib.parse import urlencode
 
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import Value
@@ -14,7 +15,7 @@ from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.evaluation.episode_files import Recording
-from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, scenes
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, outcome_words, scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
 from lilgym_mp.scene.appearances import InvalidReason
@@ -102,6 +103,7 @@ def errors(data: ReportData) -> Iterator[Item]:
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS, NO_ACTION), rows, note)
 
 
+SERVED = "http://127.0.0.1:8000"
 BINS = 10  # bins of the probability of STOP
 
 
@@ -139,22 +141,35 @@ def failures(data: ReportData) -> Iterator[Item]:
     """For each agent, the first recorded example of each kind of error."""
     for agent in data.agents:
         examples: dict[str, tuple[str, list[tuple[UInt8Array, str]]]] = {}
+        places: dict[str, tuple[Recording, Episode]] = {}
         found = [data.find(agent, configuration) for configuration in data.configurations]
         runs = [run for entry in found if entry is not None for run in entry.runs]
         for run, episode in [(each, episode) for each in runs for episode in each.episodes]:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:
                 examples[kind] = film_strip(run, episode, kind)
-        shown = [examples[kind] for kind in (*ERROR_KINDS, NO_ACTION) if kind in examples]
+                places[kind] = (run, episode)
+        kinds = [kind for kind in (*ERROR_KINDS, NO_ACTION) if kind in examples]
+        shown = [examples[kind] for kind in kinds]
         if shown:
-            yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)
+            links = tuple(link for kind in kinds for link in links_of(kind, *places[kind]))
+            title = f"An example of each kind of error: {agent}"
+            yield Chart("Failures", title, film_strips(shown), raster=True, links=links)
+
+
+def links_of(kind: str, run: Recording, episode: Episode) -> Iterator[tuple[str, str]]:
+    """Text and address of the task on the pages Play and Watch of `lilgym-mp serve`, at its default port."""
+    settings = run.header.settings
+    task = {"configuration": settings.configuration, "split": run.header.split, "task": episode.task}
+    yield f"Play: {kind}", f"{SERVED}/play?{urlencode(task)}"
+    yield f"Watch: {kind}", f"{SERVED}/watch?{urlencode({'text': episode.task})}"
 
 
 def film_strip(run: Recording, episode: Episode, kind: str) -> tuple[str, list[tuple[UInt8Array, str]]]:
     """The start scene and the scene after each action, with the command that opens the task."""
     settings = run.header.settings
     reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
-    outcome = f"{episode.outcome}{reason}".replace("_", " ")
+    outcome = outcome_words(f"{episode.outcome}{reason}")
     others = replace(settings, corpus=BUILTIN).options()
     where = ["--corpus", settings.corpus, *others, "--split", run.header.split, "--task", episode.task]
     head = [

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
-OKABE_ITO = (BLUE, ORANGE, GREEN, VERMILION, "#cc79a7", "#56b4e9", "#f0e442", "#000000")
+# The first six also differ when the page inverts them for a dark screen.
+OKABE_ITO = (BLUE, ORANGE, GREEN, "#cc79a7", "#000000", "#f0e442", VERMILION, "#56b4e9")
 HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey
 DASHES = ("-", "--", "-.", ":")
 INK = "#1d2733"

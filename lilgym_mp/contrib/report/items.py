@@ -32,6 +32,7 @@ LATEX = str.maketrans(
         "±": r"$\pm$",
         "†": r"$^\dagger$",
         "–": "--",
+        "−": "$-$",
     }
 )
 FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
@@ -44,6 +45,7 @@ class Item:
     item: str  # such as "Table 2"
     title: str
     note: str = field(default="", kw_only=True)
+    links: tuple[tuple[str, str], ...] = field(default=(), kw_only=True)  # text and address, under a running `serve`
 
     @property
     def name(self) -> str:
@@ -59,9 +61,16 @@ class Table(Item):
     rows: tuple[tuple[Cell, ...], ...]
 
     def texts(self) -> list[list[str]]:
-        """The cells as shown: percentages with one decimal, other fractions with two."""
-        places = [1 if re.search("%|per cent|points", f"{self.title} {column}") else 2 for column in self.columns]
+        """The cells as shown: percentages with one decimal, without if a cell of the column is of few episodes, other
+        fractions with two."""
+        places = list(map(self._places, self.columns, zip(*self.rows, strict=True))) if self.rows else []
         return [[format_cell(cell, count) for cell, count in zip(row, places, strict=True)] for row in self.rows]
+
+    def _places(self, column: str, cells: Sequence[Cell]) -> int:
+        if not re.search("%|per cent|points", f"{self.title} {column}"):
+            return 2
+        counts = [cell.episodes for cell in cells if isinstance(cell, MeanStd)]
+        return 0 if any(count is not None and count < FEW_EPISODES for count in counts) else 1
 
     def markdown(self) -> str:
         head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
@@ -111,12 +120,16 @@ def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence
 
 
 def format_cell(cell: Cell, places: int = 2) -> str:
+    """A cell as shown, negative numbers with a minus sign."""
     if cell is None:
         return MISSING
-    if isinstance(cell, float):
-        return rounded(cell, places)
-    if isinstance(cell, MeanStd):
-        return cell.text(0 if places == 1 and (cell.episodes or FEW_EPISODES) < FEW_EPISODES else places)
-    if isinstance(cell, int):
-        return f"{cell:,}"
-    return str(cell)
+    if isinstance(cell, str):
+        return cell
+    text = (
+        f"{cell:,}"
+        if isinstance(cell, int)
+        else cell.text(places)
+        if isinstance(cell, MeanStd)
+        else rounded(cell, places)
+    )
+    return text.replace("-", "−")

@@ -10,6 +10,7 @@ from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
@@ -64,11 +65,23 @@ class TrainingCurve:
 
 
 @dataclass(frozen=True)
+class PlayedElsewhere:
+    """A row of Table 2 that has no recordings: both agents of a game run, or a language model."""
+
+    agent: str
+    supervision: str
+    actions: str
+    runs: int
+    accuracies: Mapping[tuple[str, str], MeanStd]  # by configuration and split, in percent
+
+
+@dataclass(frozen=True)
 class ReportData:
     """Everything that a report is made from."""
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
+    elsewhere: tuple[PlayedElsewhere, ...] = ()
 
     @property
     def header(self) -> Header:

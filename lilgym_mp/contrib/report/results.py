@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import combinations, product
@@ -23,7 +24,8 @@ from lilgym_mp.contrib.report.phenomena import PHENOMENA, shows_phenomenon
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import Episode
+from lilgym_mp.evaluation.episodes import Episode, outcome_words
+from lilgym_mp.evaluation.results import rounded
 
 Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
@@ -32,12 +34,54 @@ NOVELTY = ("statement seen", "form seen", "new")
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
 EDITS = (*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more")
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
+ELSEWHERE = "‡"  # ends the name of an agent without recordings
 BASIS = "Runs behind the numbers"
 PAPER_NOTE = (
     f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Supervision is"
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
-    " corpus: no mask."
+    f" corpus: no mask. Rows marked {ELSEWHERE} were not recorded: games and language models."
 )
+
+
+def summary(data: ReportData) -> list[str]:
+    """Three sentences: which trained agent solves most, what comes second, and how the first fails."""
+    trained = {entry.agent for entry in data.entries if entry.header.run is not None} or set(data.agents)
+    ranks = sorted(trained, key=lambda agent: -_mean_accuracy(data, agent))
+    best = ranks[0]
+    parts = [
+        f"{_percent(entry)} of {entry.configuration} (n = {entry.header.start_scenes:,})" for entry in _of(data, best)
+    ]
+    sentences = [f"{best} solves {', '.join(parts)} on {data.main_split}."]
+    if len(ranks) > 1:
+        others = (f"{_percent(entry)} of {entry.configuration}" for entry in _of(data, ranks[1]))
+        sentences.append(f"The second of {len(ranks)} trained agents, {ranks[1]}, solves {', '.join(others)}.")
+    else:
+        sentences.append("No other trained agent was recorded.")
+    episodes = [episode for entry in _of(data, best) for run in entry.runs for episode in run.episodes]
+    failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
+    if failed:
+        outcome, count = failed.most_common(1)[0]
+        share = 100 * count / failed.total()
+        sentences.append(f"{best} fails {failed.total():,} times, {share:.0f} % of them by: {outcome}.")
+    else:
+        sentences.append(f"{best} never fails.")
+    return sentences
+
+
+def _of(data: ReportData, agent: str) -> list[AgentResults]:
+    """The agent's results on the main split."""
+    found = (data.find(agent, configuration) for configuration in data.configurations)
+    return [entry for entry in found if entry is not None]
+
+
+def _mean_accuracy(data: ReportData, agent: str) -> float:
+    means = [found.mean for entry in _of(data, agent) if (found := accuracy_where(entry.runs)) is not None]
+    return sum(means) / len(means) if means else 0.0
+
+
+def _percent(entry: AgentResults) -> str:
+    found = accuracy_where(entry.runs)
+    return "–" if found is None else f"{rounded(found.mean, 1)} %"
 
 
 def table_2(data: ReportData) -> Iterator[Item]:
@@ -53,6 +97,9 @@ def table_2(data: ReportData) -> Iterator[Item]:
         runs = max(len(entry.runs) for entry in found if entry is not None)
         accuracies = [entry and accuracy_where(entry.runs) for entry in found]
         rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
+    for other in data.elsewhere:
+        cells = [other.accuracies.get(place) for place in played]
+        rows.append([f"{other.agent} {ELSEWHERE}", other.supervision, other.actions, other.runs, *cells])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
@@ -82,7 +129,7 @@ def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | N
 def basis(data: ReportData) -> Iterator[Item]:
     """Runs, seeds, episodes and training of every row of the report."""
     note = (
-        "Accuracy is the share of successful episodes, with one episode per start scene and pass of each run."
+        "Episodes: one per start scene and pass of each run."
         " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
     )
     columns = (

@@ -93,6 +93,7 @@ def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]]
         title=f"lilGym results, {settings.corpus} corpus",
         subtitle=f"{counts}; configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)};"
         f" rules {settings.rules}.",
+        summary=" ".join(results.summary(data)),
         chapters=[(heading, [_write_item(directory, item) for item in items]) for heading, items in made.items()],
     )
     (directory / PAGE_FILE).write_text(page, encoding="utf-8")
@@ -100,7 +101,7 @@ def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]]
 
 def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
     """Writes the item's files; returns its template context."""
-    common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note}
+    common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note, "links": item.links}
     if isinstance(item, Chart):
         shown, media_type = ("PNG", "image/png") if item.raster else ("SVG", "image/svg+xml")
         paths = {name: f"{FIGURES}/{item.name}.{name.lower()}" for name in ("SVG", "PNG", "PDF")}

@@ -82,7 +82,7 @@ class Row:
 
     @classmethod
     def from_json(cls, data: object) -> Row:
-        """Reads `to_json`'s form; the prompt is made anew. Raises RowError for any other data.
+        """Reads `to_json`'s form; the prompt is made again. Raises RowError for any other data.
 
         The program must compile and have a value in the start scene, which a plan must have to change.
         """

@@ -18,9 +18,10 @@ from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import UnsupportedAppearance
+from lilgym_mp.scene.appearances import APPEARANCES, UnsupportedAppearance
 from lilgym_mp.solver import Solver
 
+NOT_PLAYED = ": not in this corpus"  # ends the text of an option that cannot be chosen
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
 
 
@@ -75,6 +76,11 @@ class AppServices:
                 count = len(self.tasks(configuration, split))
                 sizes.setdefault(configuration, {})[split] = count
         return sizes
+
+    def appearances(self) -> dict[str, str]:
+        """Texts of all appearances, by name; those without tasks say so."""
+        played = {CONFIGURATIONS[name][0] for name in self.sizes()}
+        return {name: name + ("" if name in played else NOT_PLAYED) for name in APPEARANCES}
 
 
 async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool

@@ -17,7 +17,7 @@ from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.programs.tracing import BOX_TITLES, cell_text, trace
+from lilgym_mp.programs.tracing import BOX_TITLES, item_text, trace
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
 from lilgym_mp.scene.actions import Action, ActionType, describe
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -90,7 +90,6 @@ def steps_body(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> l
 
 def _item_body(box: int, index: int, item: Item) -> JSON:
     """An item's description, and its bounding square in native pixels of the whole image."""
-    middle = cell_text(box, item.x + item.side // 2, item.y + item.side // 2)
     return {
         "box": box,
         "index": index,
@@ -99,7 +98,7 @@ def _item_body(box: int, index: int, item: Item) -> JSON:
         "side": item.side,
         "shape": item.shape.name.lower(),
         "colour": item.colour.name.lower(),
-        "description": f"{item.size.name} {item.colour.name} {item.shape.name} at {middle}".lower(),
+        "description": item_text(box, index, item),
     }
 
 

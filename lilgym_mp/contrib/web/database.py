@@ -83,7 +83,7 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[sqlite3.Connection]:
-        """A connection; its rows have names. Creates the file anew if it has been moved away."""
+        """A connection; its rows have names. Creates the file again if it has been moved away."""
         if not self._path.exists():
             self._create()
         with self._open() as connection:

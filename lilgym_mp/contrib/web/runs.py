@@ -79,6 +79,20 @@ class Runs:
         shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
         return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._find(AGENT_FILE).values()}
 
+    def plays(self, name: str) -> tuple[str, ...]:
+        """The configurations that an agent plays alone; an agent of the game, or a damaged file, plays none."""
+        from lilgym_mp.learning.common.agents import agent_file
+        from lilgym_mp.learning.common.learners import find_learner
+        from lilgym_mp.learning.common.model_file import read_description
+
+        file = self._find(AGENT_FILE).get(name.removeprefix(RUN_PREFIX))
+        with suppress(ValueError):
+            shipped = Path(name.removeprefix(SHIPPED_PREFIX))
+            description = read_description(agent_file(shipped) if file is None else file.path)
+            if not find_learner(description.kind).plays_games:
+                return description.configurations
+        return ()
+
     def partner(self, name: str, role: Role, game: GameSettings) -> Partner:
         """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
         agent = self.agent(name)

@@ -75,7 +75,7 @@ class FeatureTable(BoxIndex, ABC):
         if not new:
             return
         most = max(len(box.items) for box in new)
-        if most > self.item_capacity:  # all anew, in larger arrays
+        if most > self.item_capacity:  # all again, in larger arrays
             self.item_capacity = most
             self._updated = 0
             new = self.boxes

@@ -12,7 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.config import EnvConfig, option_name
 from lilgym_mp.evaluation.policies import GREEDY
 from lilgym_mp.learning.common.recipes import Recipe, RunOptions
 from lilgym_mp.scene.choices import choose
@@ -34,9 +34,9 @@ class Learner:
     @property
     def option_names(self) -> list[str]:
         """The options of an experiment: of the recipe, the run and the game, besides the seed and the environment's."""
-        own = [each.metadata["shown"].get("flag", each.name) for each in self.options.settings()]
+        own = [option_name(each) for each in (*self.recipe.settings(), *self.options.settings())]
         game = [] if self.config is None else self.config.settings()
-        return [name for name in (*self.recipe.names(), *own, *game) if name not in ("seed", *EnvConfig.settings())]
+        return [name for name in (*own, *game) if name not in ("seed", *EnvConfig.settings())]
 
     @property
     def plays_games(self) -> bool:

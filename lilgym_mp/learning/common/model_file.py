@@ -67,6 +67,17 @@ def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, 
     write_atomically(path, lambda unfinished: unfinished.write_bytes(data))
 
 
+def read_description(path: Path) -> ModelDescription:
+    """The description in a model file, without its tensors. Raises ModelFileError naming the file."""
+    try:
+        with safe_open(path, "pt") as file:
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
+    with using_description(path):
+        return ModelDescription.from_json(json.loads(metadata[METADATA_KEY]))
+
+
 def load_model(path: Path, device: str | torch.device = "cpu") -> tuple[ModelDescription, dict[str, Tensor]]:
     """The description, and the tensors on the device. Raises ModelFileError naming the file and what is wrong."""
     if not path.is_file():

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, asdict, dataclass, fields
 from typing import Any, ClassVar, Self
 
-from lilgym_mp.envs.config import setting
+from lilgym_mp.envs.config import option_name, setting
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.choices import choose, flag_name
@@ -24,7 +24,7 @@ class Recipe:
         """Raises ValueError naming the first setting out of bounds, its value and its bounds or choices."""
         for each in self.settings():
             value, (lowest, highest) = getattr(self, each.name), each.metadata["bounds"]
-            name = self.dashes + flag_name(each.name)
+            name = self.dashes + flag_name(option_name(each))
             if each.metadata["choices"]:
                 choose(name, value, dict.fromkeys(each.metadata["choices"]))
             elif value is None or each.metadata["kind"] not in (bool, int, float):
@@ -117,7 +117,7 @@ class UpdateRecipe(Recipe):
         "decay of the learning rate to 0 at the last step, or constant",
         choices=("constant", "linear", "cosine"),
     )
-    warmup: float = setting(0.0, "fraction of the steps for linear warm-up", 0, 1)
+    warmup: float = setting(0.0, "fraction of the steps for linear warm-up", 0, 1, flag="warm_up")
     entropy: float = setting(0.08, "initial entropy coefficient")
     final_entropy: float = setting(0.01, "final entropy coefficient; linear in between")
     gamma: float = setting(0.99, "discount factor", 0, 1)
@@ -158,7 +158,9 @@ class PairRecipe(Recipe):
     learning_rate: float = setting(2e-3, "peak learning rate of AdamW; cosine decay to 0", 1e-9)
     weight_decay: float = setting(0.01, "weight decay of AdamW")
     smoothing: float = setting(0.05, "label smoothing", 0, 1)
-    unknown: float = setting(0.03, "word dropout: fraction of words replaced by the unknown word", 0, 1)
+    unknown: float = setting(
+        0.03, "word dropout: fraction of words replaced by the unknown word", 0, 1, flag="unknown_words"
+    )
     generated: float = setting(0.8, "initial fraction of generated pairs; it falls linearly to an eighth of that", 0, 1)
     shapes: float = setting(0.5, "fraction of pairs augmented by exchanging shapes", 0, 1)
     numbers: float = setting(0.5, "fraction of pairs augmented by exchanging numbers", 0, 1)

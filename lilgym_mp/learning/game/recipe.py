@@ -11,7 +11,7 @@ from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
 class GameRecipe(UpdateRecipe):
     """Hyperparameters, except the game and the budget."""
 
-    envs: int = setting(512, "games played side by side; they start anew with each rollout", 1)
+    envs: int = setting(512, "games played side by side; they start again with each rollout", 1)
     same_statement: int = setting(32, "games per group; a group plays one statement at a time", 1)
     rollout: int = setting(8192, "turns per rollout, over all games", 1)
     batch_size: int = setting(2048, "mini-batch size", 1)
@@ -30,6 +30,7 @@ class GameRecipe(UpdateRecipe):
         "both",
         "learns from its rewards, from the truth of the claims it judged in a game's last turn, or from both",
         choices=("ppo", "cross-entropy", "both"),
+        flag="verifier_loss",
     )
     mask: bool = setting(True, "mask the proposer's illegal actions in training and in play")
     width: int = setting(64, "width of the networks; a multiple of 8", 8, 1024)

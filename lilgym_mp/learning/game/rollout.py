@@ -132,7 +132,7 @@ class Rollout:
 
 
 class RolloutPlayer:
-    """N games, started anew for each rollout, so that a run resumes exactly."""
+    """N games, started again for each rollout, so that a run resumes exactly."""
 
     def __init__(
         self,

@@ -26,11 +26,13 @@ class ImitationRecipe(Recipe):
     solved: int = setting(8, "scenes with optimal actions per statement in a batch", 1)
     truth_only: int = setting(8, "further scenes per statement, half of them true where possible", 2)
     learning_rate: float = setting(1.5e-3, "peak learning rate of AdamW", 0, 1)
-    warmup: float = setting(0.03, "fraction of the budget for linear warm-up; cosine decay follows", 0, 1)
+    warmup: float = setting(
+        0.03, "fraction of the budget for linear warm-up; cosine decay follows", 0, 1, flag="warm_up"
+    )
     weight_decay: float = setting(0.02, "weight decay of AdamW")
     gradient_norm: float = setting(1.0, "gradient clipping norm")
     truth: float = setting(3.0, "coefficient of the truth loss, which trains STOP")
-    steps: float = setting(0.1, "coefficient of the steps-to-go loss")
+    steps: float = setting(0.1, "coefficient of the steps-to-go loss", flag="steps_to_go")
     legal: float = setting(1.0, "coefficient of the legal-edits loss (Scatter)")
     recolour: bool = setting(True, "permute colours at random in words and scenes where both name the same ones")
     unknown_words: float = setting(0.02, "word dropout: fraction of training words replaced by the unknown word", 0, 1)

@@ -285,7 +285,7 @@ class ImitationRun(TrainingRun):
         )
 
     def state(self) -> dict[str, Any]:
-        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes anew."""
+        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes again."""
         played = self._collector.played if isinstance(self._collector, TaughtCollector) else None
         return {**super().state(), "played": played and [played.stops, played.steps]}
 

@@ -22,10 +22,10 @@ class ParserRecipe(PairRecipe):
 
     seed: int = setting(0, "seed of the network, the pairs and their order")
     updates: int = setting(6_000, "optimiser steps", 1)
-    warm_up: int = setting(100, "updates of linear warm-up", 1)
+    warm_up: int = setting(100, "updates of linear warm-up", 1, flag="warm_up_updates")
     dropout: float = setting(0.2, "dropout rate", 0, 1)
     generated_pairs: int = setting(40_000, "maximum number of distinct generated pairs", 1)
-    held_out: int = setting(300, "training statements held out to calibrate probabilities")
+    held_out: int = setting(300, "training statements held out to calibrate probabilities", flag="held_out_statements")
     width: int = setting(96, "network width; a multiple of 4", 4)
 
 

@@ -48,7 +48,7 @@ class PPORecipe(UpdateRecipe):
     nlvr_reward: bool = setting(False, "reward STOP only in scenes of the corpus (Scratch; the paper's ablation)")
     validate_every: int = setting(100_000, "steps between validations", 1)
     patience: int = setting(0, "stop after this many validations without improvement; 0: never")
-    sampled: bool = setting(True, "sample actions in validation instead of greedy play")
+    sampled: bool = setting(True, "sample actions in validation instead of greedy play", flag="sampled_validation")
     reduced_precision: bool = setting(True, "compute in bfloat16 on CUDA, and pretrained models on CPUs with AVX-512")
 
     def __post_init__(self) -> None:

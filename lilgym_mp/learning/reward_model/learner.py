@@ -37,7 +37,7 @@ class RewardModelRecipe(Recipe):
     held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
     averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
     beam: int = setting(16, "scenes kept by the search", 1)
-    edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
+    edit_cost: float = setting(0.003, "probability traded for saving one edit in the choice of a scene", 0, 1)
 
     by_appearance: ClassVar = {
         "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},

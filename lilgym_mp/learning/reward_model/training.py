@@ -248,7 +248,7 @@ class RewardModelRun(TrainingRun):
         )
 
     def state(self) -> dict[str, Any]:
-        """For a checkpoint. The labelled scenes are not part of it: a resumed run collects scenes anew."""
+        """For a checkpoint. The labelled scenes are not part of it: a resumed run collects scenes again."""
         return {**super().state(), "played": [self._collector.stops, self._collector.steps]}
 
     def restore(self, state: dict[str, Any]) -> None:

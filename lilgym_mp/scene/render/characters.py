@@ -13,13 +13,15 @@ TEXT_CELL = (5, 10)  # width and height in native pixels of one character
 BORDER = 1  # characters on each side of a box
 GAP = 2  # characters between two boxes
 _TEXT_COLOURS = {Colour.YELLOW: 33, Colour.BLACK: 30, Colour.BLUE: 34}
+_TEXT_LETTERS = {Colour.YELLOW: "y", Colour.BLACK: "k", Colour.BLUE: "b"}
 _TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
 
 
 def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, the characters of a shape alternate with y (yellow), k (black) or b (blue).
+    The characters of a shape alternate with y (yellow), k (black) or b (blue). With colours, the lowest row of each
+    item is underlined, so that the blocks of a tower can be told apart.
     """
     width, height = TEXT_CELL
     box_columns = BOX_SIDE // width
@@ -28,8 +30,9 @@ def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
         for item in box.items:
-            characters = _text_marks(item, coloured=coloured)
-            for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
+            lowest = min(rows, -(-(item.y + item.side) // height)) - 1
+            for row in range(max(0, item.y // height), lowest + 1):
+                characters = _text_marks(item, coloured=coloured, underlined=row == lowest)
                 for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
                     if _covers(item, column * width + width // 2, row * height + height // 2):
                         cells[row][column] = characters[column % len(characters)]
@@ -46,12 +49,11 @@ def _covers(item: Item, x: int, y: int) -> bool:
     return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.footprint)[row, column])
 
 
-def _text_marks(item: Item, *, coloured: bool) -> Sequence[str]:
+def _text_marks(item: Item, *, coloured: bool, underlined: bool) -> Sequence[str]:
     """The characters of even and odd columns."""
-    shape = _TEXT_SHAPES[item.shape]
-    if not coloured:
-        return {Colour.YELLOW: "y", Colour.BLACK: "k", Colour.BLUE: "b"}[item.colour] + shape
-    return [f"\x1b[1;{_TEXT_COLOURS[item.colour]}m{shape}\x1b[0m"]
+    marks = _TEXT_LETTERS[item.colour] + _TEXT_SHAPES[item.shape]
+    style = f"{'4;' * underlined}1;{_TEXT_COLOURS[item.colour]}"
+    return [f"\x1b[{style}m{mark}\x1b[0m" for mark in marks] if coloured else marks
 
 
 def ruled(picture: str, grid: Grid | None) -> str:

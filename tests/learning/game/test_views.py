@@ -85,7 +85,7 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algo
 @pytest.mark.parametrize("algorithm", ["independent", "shared"])
 def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Path, algorithm: str):
     recipe = replace(SMALL, algorithm=algorithm, critic="central")
-    run = Run(GUIDED, recipe, tmp_path / "run", steps=128)
+    run = GameRun(GUIDED, recipe, tmp_path / "run", steps=128)
     run.step()
     (name, critic), *_ = run._critics.items()
     actor = run._actors[name]

@@ -1,4 +1,3 @@
-"use strict";
 // /annotate: a statement, its shown scenes, and an editor for its program. The text is kept in this browser while typing.
 
 const choice = byId("choice");

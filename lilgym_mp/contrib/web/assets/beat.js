@@ -1,4 +1,3 @@
-"use strict";
 // /beat: ten tasks on the board of /play, which an agent plays too. The URL's query names the tasks, so that somebody
 // else can play the same ones; the state of the tab's history names the episodes begun.
 

@@ -1,4 +1,3 @@
-"use strict";
 // Shared by /play, /beat and /game: a scene whose grid cells are buttons.
 
 let acting = false; // while the server takes an action

@@ -1,4 +1,3 @@
-"use strict";
 // Used by every page: requests to the server, messages, DOM elements.
 
 /** An error with a message to display. */
@@ -66,6 +65,7 @@ const byId = (id) => document.getElementById(id);
 const on = (id, name, action) => byId(id)?.addEventListener(name, action);
 const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");
+const signed = (number, digits = 1) => number.toFixed(digits).replace("-", "−");
 /** Selects the option with that value; throws a requestError that names the choices. */
 function select(menu, value) {
   const values = [...menu.options].map((option) => option.value);

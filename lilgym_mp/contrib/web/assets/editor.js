@@ -1,4 +1,3 @@
-"use strict";
 // Program editor: completions with their documentation, and syntax errors, all from the server's language tables.
 
 const CHECK_DELAY = 200; // milliseconds after the last keystroke

@@ -1,4 +1,3 @@
-"use strict";
 // /explore/APPEARANCE/SPLIT/ID: one statement.
 
 const root = byId("statement");

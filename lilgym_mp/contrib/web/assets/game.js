@@ -1,4 +1,3 @@
-"use strict";
 // /game. The URL fragment is the seat's key; everything shown comes from the server's responses.
 
 const setup = byId("setup");
@@ -88,7 +87,7 @@ function taskLine() {
 }
 
 function turnLine() {
-  if (seat.over) return `The game is over: ${seat.end.reached ? "the goal was reached" : "the goal was missed"}. Your reward: ${seat.reward.toFixed(2)}.`;
+  if (seat.over) return `The game is over: ${seat.end.reached ? "the goal was reached" : "the goal was missed"}. Your reward: ${signed(seat.reward, 2)}.`;
   if (seat.waiting_for_other) return "You have chosen; waiting for the other player.";
   return seat.your_turn ? "It is your turn." : "The other player is choosing.";
 }

@@ -1,4 +1,3 @@
-"use strict";
 // /play and the start page; /beat changes what is in `page`. Legality, transitions and rewards come from the server.
 
 const setup = byId("setup");
@@ -45,7 +44,7 @@ async function show(state) {
   byId("statement").textContent = state.statement;
   byId("target").textContent = String(state.target);
   byId("left").textContent = state.over ? "" : `Actions left: ${state.actions_left}.`;
-  byId("reward").textContent = state.reward.toFixed(1);
+  byId("reward").textContent = signed(state.reward);
   byId("history").textContent = state.actions.length ? `So far: ${state.actions.join(", ")}` : "";
   byId("scatter-item-type").hidden = !state.grid;
   if (shown !== state.id) board.makeCells(state.grid);
@@ -75,7 +74,7 @@ async function showEnd() {
   const solved = ended.outcome === "success";
   byId("end-title").textContent = solved ? `Solved in ${plural(ended.actions.length, "action")}` : OUTCOMES[ended.outcome];
   byId("end-title").className = solved ? "good" : "bad";
-  byId("verdict").textContent = `The statement is ${truth}; the target was ${ended.target}. Reward: ${ended.reward.toFixed(1)}.`;
+  byId("verdict").textContent = `The statement is ${truth}; the target was ${ended.target}. Reward: ${signed(ended.reward)}.`;
   byId("parts").replaceChildren(partsList(parts, board.view));
   byId("end-title").focus();
   await page.ended(ended);

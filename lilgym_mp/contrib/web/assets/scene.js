@@ -1,4 +1,3 @@
-"use strict";
 // A scene: the rendered image, with marks on items.
 
 const IMAGE_WIDTH = 380;

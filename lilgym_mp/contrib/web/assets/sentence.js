@@ -1,4 +1,3 @@
-"use strict";
 // /sentence: the readings of a sentence, and the plan for them, which is played.
 
 const plan = new StepView(byId("plan"), "A scene of the plan");

@@ -1,4 +1,3 @@
-"use strict";
 // /watch: recorded episodes step by step; optionally two recordings side by side.
 
 const STEP_MILLISECONDS = 900; // while playing
@@ -60,7 +59,7 @@ class Side {
     this.root = element("section", { class: "panel side" },
       element("h2", {}, recording.agent),
       element("p", { class: "statement" }, episode.statement),
-      element("p", {}, `Make it ${episode.target}. `, end, `, reward ${episode.total.toFixed(1)}.`),
+      element("p", {}, `Make it ${episode.target}. `, end, `, reward ${signed(episode.total)}.`),
       this.view.root, this.step, this.predictions, this.strip,
       element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), details));
   }
@@ -70,7 +69,7 @@ class Side {
     const shown = this.episode.steps[index];
     this.view.show(shown.scene);
     this.step.textContent = shown.action
-      ? `Step ${index + 1}: ${shown.action}, reward ${shown.reward.toFixed(1)}`
+      ? `Step ${index + 1}: ${shown.action}, reward ${signed(shown.reward)}`
       : `End: ${words(this.episode.outcome)}`;
     [...this.strip.querySelectorAll("button")].forEach((button, place) => {
       button.removeAttribute("aria-current");
@@ -283,7 +282,8 @@ on("request", "submit", (event) => {
   event.preventDefault();
   attempt(async () => {
     showMessage("The agent is playing twelve tasks; this may take half a minute.");
-    const { id } = await request("POST", "/api/watch/recordings", Object.fromEntries(new FormData(event.target)));
+    const [agent, configuration] = event.target.play.value.split(" ");
+    const { id } = await request("POST", "/api/watch/recordings", { agent, configuration });
     showMessage("");
     await start(id);
     byId("viewer").focus();

@@ -22,7 +22,6 @@ from lilgym_mp.programs.compiler import Program
 from lilgym_mp.programs.syntax import MAX_LENGTH, parse
 from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
@@ -62,9 +61,9 @@ Scenes = Annotated[LabelledScenes, Depends(get_scenes)]
 
 
 @router.get("/annotate", include_in_schema=False)
-def annotate_page(request: Request) -> Response:
+def annotate_page(request: Request, services: Services) -> Response:
     words = [word._asdict() for word in vocabulary()]
-    return render_page(request, "annotate.html", appearances=list(APPEARANCES), words=words)
+    return render_page(request, "annotate.html", appearances=services.appearances(), words=words)
 
 
 @api.post("/check")

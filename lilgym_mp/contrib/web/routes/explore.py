@@ -14,7 +14,6 @@ from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
@@ -28,12 +27,14 @@ MAX_SCENES = 12  # per statement
 def explore_page(
     request: Request,
     services: Services,
-    appearance: AppearanceName = "tower",
+    appearance: AppearanceName | None = None,
     split: SplitName = "dev",
     text: Annotated[str, Query(max_length=200)] = "",
     first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
 ) -> Response:
-    """Statements that contain the text (in statement or program, or as the whole id)."""
+    """Statements that contain the text, also in the program or as the whole id, by default of the first appearance."""
+    appearances = services.appearances()
+    appearance = appearance or next(name for name, text in appearances.items() if name == text)
     needle = text.lower()
     found = [
         statement
@@ -43,7 +44,7 @@ def explore_page(
     return render_page(
         request,
         "explore.html",
-        appearances=list(APPEARANCES),
+        appearances=appearances,
         query={"appearance": appearance, "split": split, "text": text},
         found=found[first : first + PAGE_SIZE],
         total=len(found),

@@ -13,7 +13,7 @@ from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, scene_body,
 from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
 from lilgym_mp.contrib.web.runs import PARSER
 from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -41,8 +41,10 @@ class NewSentence(BaseModel):
 
 
 @router.get("/sentence", include_in_schema=False)
-def sentence_page(request: Request) -> Response:
-    return render_page(request, "sentence.html", appearances=list(APPEARANCES), examples=EXAMPLES)
+def sentence_page(request: Request, services: Services) -> Response:
+    read = {read_configuration(name)[0] for name in services.runs.plays(PARSER)}
+    appearances = {name: name + ("" if name in read else ": not in what the agent reads") for name in APPEARANCES}
+    return render_page(request, "sentence.html", appearances=appearances, examples=EXAMPLES)
 
 
 @api.post("")

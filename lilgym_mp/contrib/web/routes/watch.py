@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, Name, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
-from lilgym_mp.contrib.web.runs import FoundFile, Runs
+from lilgym_mp.contrib.web.runs import PARSER, FoundFile, Runs
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import Header, Recording
@@ -49,13 +49,13 @@ class NewRecording(BaseModel):
 
 @router.get("/watch", include_in_schema=False)
 def watch_page(request: Request, services: Services) -> Response:
-    return render_page(
-        request,
-        "watch.html",
-        outcomes=list(FINAL_OUTCOMES),
-        configurations=list(services.sizes()),
-        agents=services.runs.agents(),
-    )
+    offered = services.sizes()
+    agents = [
+        (agent, title, [name for name in services.runs.plays(agent) if name in offered])
+        for agent, title in services.runs.agents().items()
+    ]
+    chosen = [PARSER, "TowerFlipIt"]
+    return render_page(request, "watch.html", outcomes=list(FINAL_OUTCOMES), agents=agents, chosen=chosen)
 
 
 @api.get("/recordings")
