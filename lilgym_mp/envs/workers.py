@@ -26,19 +26,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from lilgym_mp.envs import processes
 from lilgym_mp.envs.batched import LilGymVectorEnv, T, batch_spec
 from lilgym_mp.envs.buffers import ArraySpec, Buffers, arrays_in
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
-from lilgym_mp.envs.machine import (
-    AUTO,
-    checked_timeout,
-    checked_worker_count,
-    process_context,
-    start_protected,
-    usable_cores,
-    why_no_processes,
-)
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render import image_shape
@@ -190,7 +182,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self,
         id: str,
         num_envs: int,
-        num_workers: int | str = AUTO,
+        num_workers: int | str = processes.AUTO,
         *,
         start_method: str | None = None,
         timeout_seconds: float = 20.0,
@@ -215,9 +207,9 @@ class WorkerVectorEnv(LilGymVectorEnv):
         given = spec.kwargs
         names = ("num_workers", "start_method", "timeout_seconds", "render_mode", "copy")
         checked = BatchSettings.of({"num_envs": num_envs, **given, **settings}, *names)
-        count = checked_worker_count(num_workers, checked.num_envs)
-        context = process_context(start_method)
-        self._timeout = checked_timeout(timeout_seconds)
+        count = processes.checked_worker_count(num_workers, checked.num_envs)
+        context = processes.process_context(start_method)
+        self._timeout = processes.checked_timeout(timeout_seconds)
         pages = PAGES if copy and count > 1 else 0
         self._shared = shared = SharedMemory(sum(spec.size for spec in _array_specs(checked, pages).values()))
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, shared, self._owner)
@@ -229,7 +221,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
                 f" they play several; choose num_workers so that each process has a multiple of {group} environments",
                 stacklevel=2,
             )
-        spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
+        spin_seconds = SPIN_SECONDS if count <= processes.usable_cores() else 0.0
         own, *others = (
             Slice(checked, shared, spin_seconds, pages, f"worker {index}", slice(bounds[index], bounds[index + 1]))
             for index in range(count)
@@ -244,7 +236,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self.spec = replace(spec, kwargs={**given, **settings, **rendering, "num_envs": num_envs})
         try:
             with _starting:
-                if others and (reason := why_no_processes()) is not None:
+                if others and (reason := processes.why_no_processes()) is not None:
                     raise WorkerError(f"{reason}; use num_workers=1, or gymnasium.make_vec")
                 if others and context.get_start_method() == "fork":
                     _warm_up(checked)
@@ -353,7 +345,7 @@ def _start_worker(context: Any, own: Slice, listed: list[_Worker]) -> None:
     process = context.Process(target=_worker_main, args=(own, their_reader, their_writer), name=name, daemon=True)
     listed.append(_Worker(own, process, Channel(answers, calls, own.spin_seconds)))
     try:
-        with start_protected(context):
+        with processes.start_protected(context):
             process.start()
     except OSError as fault:
         raise WorkerError(f"{own.name} cannot be started: {fault}") from fault
