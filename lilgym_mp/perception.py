@@ -158,7 +158,8 @@ def _coverage(pixels: bytes, index: int, shrink: int) -> UInt8Array:
 
 
 # The coverage by one colour is packed into a big int, a byte per pixel, row by row. Items are matched at its lowest
-# non-zero byte.
+# non-zero byte. With arrays of NumPy instead, a component of a Scatter image is found in 1,400 us, with ints in 12 us:
+# shifts and adds of ints of some thousand bytes cost a fraction of what NumPy takes to begin an operation.
 
 
 class _Component(NamedTuple):

@@ -33,6 +33,7 @@ from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.wrappers import action_mask_v0, text_observation_v0
 
 SPLIT = "train"
 STOP = 0  # index of the action
@@ -43,6 +44,10 @@ RANDOM = "random policy"
 COPY = "memory copy"  # an upper bound on the speed of any environment that copies its images
 PROCESSES = max(2, usable_cores())  # of workers
 QUICK = ("TowerFlipIt", "ScatterFlipIt")  # configurations
+WRAPPERS: dict[str, Callable[[Any], Any]] = {
+    "action_mask_v0": action_mask_v0,
+    "text_observation_v0": text_observation_v0,
+}
 COLUMNS = ("way", "workload", "envs", "steps/s", "lowest", "highest", "of copying", "MB")
 LEGEND = (
     "Steps per second: median, lowest and highest of the rounds. Of copying: relative to copying as many environments'"
@@ -151,6 +156,11 @@ def vector(make: Any, workload: Workload, num_envs: int, masks: bool = False) ->
         yield Player(steps, lambda: env.reset(seed=0), [call for row in rows for call in (*before, (env.step, row))])
 
 
+def wrapped(make: Any, wrap: Callable[[Any], Any], *args: Any, **settings: Any) -> Any:
+    """A batch in a wrapper, whose Python runs in this process for all environments."""
+    return wrap(make(*args, **settings))
+
+
 @contextmanager
 def sb3(backend: str, workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
     """A Stable-Baselines3 `VecEnv` with monitor, as used in training."""
@@ -202,6 +212,8 @@ def cases(counts: Sequence[int]) -> Iterator[Case]:
             yield Case(group, group, count, partial(vector, make))
             yield Case(group, f"{group}, no copy", count, partial(vector, partial(make, copy=False)))
             yield Case(group, f"{group}, masks", count, partial(vector, make, masks=True))
+            for name, wrap in WRAPPERS.items():
+                yield Case(group, f"{group}, {name}", count, partial(vector, partial(wrapped, make, wrap)))
         for backend in ("batched", "workers", "dummy", "subproc"):
             yield Case("sb3", f"SB3, {backend}", count, partial(sb3, backend))
         yield Case("sb3", "SB3, batched, masks", count, partial(sb3, "batched", masks=True))

@@ -29,12 +29,13 @@ def statistics_text(corpus: str, sets: Sequence[TaskSet]) -> str:
     programs = programs_of(sets)
     statements = {statement for group in programs.values() for statement in group}
     distinct = {program for group in programs.values() for program in group.values()}
+    columns = (*TASK_COLUMNS, *PAPER_COLUMNS) if is_official else TASK_COLUMNS
     published = f" (the paper counts {STATEMENT_COUNT:,} statements in all three splits)" if is_official else ""
     return "\n\n".join(
         [
             f"corpus {corpus}: {path}\n{len(statements):,} statements with {len(distinct):,} programs,"
             f" {len(_vocabulary(statements)):,} words{published}",
-            table([*TASK_COLUMNS, *PAPER_COLUMNS * is_official], map(task_row, sets)),
+            table(columns, map(task_row, sets)),
             table(STATEMENT_COLUMNS, [statement_row(programs, *key) for key in programs]),
         ]
     )

@@ -42,8 +42,10 @@ Player = tuple[str, Partner]  # one side of the game, and its name: a run's path
 
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
-    given = [name for name in ("policy", "record", "name") if getattr(args, name)]
-    if unused := [*given, *["passes"] * (args.passes > 1)]:
+    unused = [name for name in ("policy", "record", "name") if getattr(args, name)]
+    if args.passes > 1:
+        unused.append("passes")
+    if unused:
         raise CommandError(f"--{unused[0]} is for the single-agent environment; --out FILE writes games")
     games = [
         (settings, actions, _pairs(settings, agents, all_pairs=args.cross_play, sampled=actions == SAMPLED))

@@ -93,6 +93,11 @@ class Vocabulary:
         """The words of the token ids, "?" for unknown; padding is skipped."""
         return [self._word(int(token_id)) for token_id in token_ids if int(token_id) != PAD]
 
+    def statement(self, token_ids: Iterable[int]) -> str:
+        """A statement that `encode` turns into these token ids."""
+        unknown = "x" * (1 + max(map(len, self.words), default=0))  # longer than any word of the vocabulary
+        return " ".join(unknown if word == "?" else word for word in self.decode(token_ids))
+
     def _word(self, token_id: int) -> str:
         if token_id == UNKNOWN:
             return "?"

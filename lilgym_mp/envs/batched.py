@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pkgutil import resolve_name
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -18,6 +21,7 @@ from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_c
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
 from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer, warn_of_no_mode
+from lilgym_mp.envs.keywords import refuse_old_id
 from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import Sampler, check_statement, checked_task
@@ -464,6 +468,30 @@ class BatchedEnv(LilGymVectorEnv):
 
 def _new_seed() -> int:
     return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+
+
+def batch_spec(id: str) -> EnvSpec:
+    """The spec of a batch's id, "MODULE:ID" or "ID", of which MODULE is imported first, as in `gymnasium.make`.
+
+    Its kwargs include the `max_episode_steps` of an id of one's own, as `gymnasium.make_vec` passes it: batches refuse
+    it, because their rules end the episodes.
+
+    Raises:
+        gymnasium.error.Error: For an unknown id, one of the release, or one with wrappers of single environments.
+    """
+    module, _, name = id.rpartition(":")
+    if module:
+        resolve_name(module)
+    spec = gym.spec(name)
+    if spec.additional_wrappers:
+        wrappers = ", ".join(each.name for each in spec.additional_wrappers)
+        raise gym.error.Error(f"{name} is registered with additional_wrappers, which wrap no batches: {wrappers}")
+    kwargs = dict(spec.kwargs)
+    if "new_id" in kwargs:
+        refuse_old_id(**kwargs)
+    if spec.max_episode_steps is not None:
+        kwargs.setdefault("max_episode_steps", spec.max_episode_steps)
+    return replace(spec, kwargs=kwargs)
 
 
 def checked_actions(actions: Any, num_envs: int) -> Int64Array:

@@ -115,6 +115,9 @@ def checked(record: Record, hints: Mapping[str, Any] | None = None) -> Record:
     return record
 
 
+# Reads the types that the dataclasses state, because checks written out by field would be a second list of the 35
+# fields of Header and Episode, and a library that checks types would be a dependency for these two. Reading an episode
+# takes 128 us, of which checking takes 75.
 def _is_of(value: Any, hint: Any) -> bool:
     arguments = get_args(hint)
     if get_origin(hint) in (UnionType, Union):

@@ -12,7 +12,7 @@ from lilgym_mp.programs.reference import Evaluation, build_closure
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import elements
 from lilgym_mp.scene import BOX_PITCH, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances.tower import BLOCK_X, LEVEL_Y
+from lilgym_mp.scene.appearances.tower.geometry import BLOCK_X, LEVEL_Y
 
 BOX_TITLES = ("left", "middle", "right")
 CELL_SIDE = 20  # pixels of a cell of the released grid

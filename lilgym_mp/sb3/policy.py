@@ -149,7 +149,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         key = row.tobytes()
         text = self._texts.get(key)
         if text is None:
-            text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", "unknownword")
+            text = self._texts[key] = self.vocabulary.statement(row)
         return text
 
     def obs_to_tensor(self, observation: Any) -> tuple[dict[str, Tensor], bool]:

@@ -50,6 +50,13 @@ def test_decode__inverts_encode():
     assert vocabulary.decode(vocabulary.encode("two green blue", 6)) == ["two", "?", "blue"]
 
 
+@pytest.mark.parametrize("words_known", [("blue", "two"), ("blue", "x", "xxxx"), ()])
+def test_statement__encodes_to_its_token_ids(words_known: tuple[str, ...]):
+    vocabulary = Vocabulary(words_known)
+    encoded = vocabulary.encode("two green blue x", 6)
+    assert vocabulary.encode(vocabulary.statement(encoded), 6).tolist() == encoded.tolist()
+
+
 def test_decode__an_invalid_token_id_is_an_error():
     with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
         Vocabulary(("blue", "two")).decode([9])

@@ -19,8 +19,9 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.envs import shared_memory
 from lilgym_mp.envs.engine import Engine, ResetRequest
 from lilgym_mp.envs.machine import usable_cores
+from lilgym_mp.envs.processes import checked_worker_count
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
-from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv, checked_worker_count
+from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
 from tests.envs.alike import random_actions
 

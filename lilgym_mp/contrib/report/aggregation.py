@@ -49,7 +49,7 @@ class MeanStd(NamedTuple):
 
 def success(episode: Episode) -> float:
     """100 for a success, 0 otherwise."""
-    return 100.0 * episode.is_success
+    return 100.0 if episode.is_success else 0.0
 
 
 def mean_std(values: Sequence[float]) -> MeanStd:

@@ -23,8 +23,8 @@ from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render import draw
 
 ROLLOUT_STATISTICS: Mapping[str, Value] = {
-    "without STOP (%)": lambda episode: 100.0 * (Stop not in map(type, episode.actions[-1:])),
-    "with an invalid action (%)": lambda episode: 100.0 * (episode.invalid_reason is not None),
+    "without STOP (%)": lambda episode: 0.0 if Stop in map(type, episode.actions[-1:]) else 100.0,
+    "with an invalid action (%)": lambda episode: 0.0 if episode.invalid_reason is None else 100.0,
     "mean actions": lambda episode: len(episode.actions),
     "mean ADD": lambda episode: sum(isinstance(action, AddBlock | AddItem) for action in episode.actions),
     "mean REMOVE": lambda episode: sum(isinstance(action, RemoveBlock | RemoveItem) for action in episode.actions),

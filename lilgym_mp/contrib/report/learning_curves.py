@@ -58,7 +58,11 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
         yield Item(ITEM, TITLE, note=NOT_EVALUATED)
         return
     has_image = any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations)
-    caption = CAPTION + NLVR_CAPTION * has_nlvr + IMAGE_CAPTION * has_image
+    caption = CAPTION
+    if has_nlvr:
+        caption += NLVR_CAPTION
+    if has_image:
+        caption += IMAGE_CAPTION
     yield Chart(ITEM, TITLE, line_chart(panels, data.looks), note=caption)
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{TITLE}, at the end", columns, rows)
@@ -71,9 +75,10 @@ def _group_by_recipe(
     groups: dict[str, list[TrainingCurve]] = {}
     for curve in curves:
         learner = {"ppo": "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"}.get(curve.learner, curve.learner)
-        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] * names_reward
-        settings = [f"{key} {shown_setting(curve.recipe.get(key))}" for key in keys]
-        groups.setdefault(", ".join([learner, *settings, *reward]), []).append(curve)
+        parts = [learner, *(f"{key} {shown_setting(curve.recipe.get(key))}" for key in keys)]
+        if names_reward:
+            parts.append("NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward")
+        groups.setdefault(", ".join(parts), []).append(curve)
     return groups
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import accumulate
+from string import Formatter
 from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.corpus.generator.fragments import ALL_ITEMS, NONE, SOME, Quantity, at_least, at_most, exactly
@@ -173,13 +174,17 @@ def phrase_book(appearance: str) -> PhraseBook:
     return PhraseBook(wordings, style, tuple(statements), tuple(accumulate(statements.values())), own["conditions"])
 
 
-class _Drawn(NamedTuple):
-    """A slot that draws words each time it is filled in: `{does:one}`, `{does:many}`, `{or:a|b}`."""
+class _Filler(Formatter):
+    """Fills in slots, those that draw words each time: `{does:one}`, `{does:many}`, `{or:a|b}`."""
 
-    draw: Callable[[Any], str]  # from whether the words are plural, or from a list
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """`value`: words, or what draws them, given whether they are plural or a list to choose from."""
+        if isinstance(value, str):
+            return value
+        return value(format_spec.split("|") if "|" in format_spec else format_spec == "many")
 
-    def __format__(self, choices: str) -> str:
-        return self.draw(choices.split("|") if "|" in choices else choices == "many")
+
+FILLER = _Filler()
 
 
 class Writer:
@@ -217,9 +222,8 @@ class Writer:
 
     def say(self, wording: str, **slots: Slot) -> str:
         """One of the phrase book's wordings. All are filled in, in order, before one is drawn: slots may draw words."""
-        words: dict[str, object] = {**self.style.words, "or": _Drawn(self.choice)}
-        words |= {name: slot if isinstance(slot, str) else _Drawn(slot) for name, slot in slots.items()}
-        return self.choice([option.format_map(words) for option in self.book.wordings[wording]])
+        filling = {**self.style.words, "or": self.choice, **slots}
+        return self.choice([FILLER.vformat(option, (), filling) for option in self.book.wordings[wording]])
 
     def word(self, name: str) -> str:
         """The noun of the writer's style, "item", "items", "box" ..."""

@@ -158,10 +158,11 @@ class GameRun(TrainingRun):
 
     def introduction(self) -> str:
         settings, recipe = self.settings, self.recipe
-        learning = " and ".join(AGENTS[role] for role in self.roles)
+        learners = [AGENTS[role] for role in self.roles]
+        learning = f"{learners[0]} learns" if len(learners) == 1 else f"{' and '.join(learners)} learn"
         return (
             f"{settings.protocol}, rewards {settings.rewards}, corpus {settings.corpus}, {len(self.tasks.tasks):,}"
-            f" training tasks; {learning} learn{'s' * (len(self.roles) == 1)}, {recipe.algorithm}, verifier by"
+            f" training tasks; {learning}, {recipe.algorithm}, verifier by"
             f" {recipe.verifier}\n"
             f"{self.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {self.out}"
         )

@@ -254,6 +254,9 @@ def _convolutions(sizes: Sequence[tuple[int, int, int, int]]) -> nn.Sequential:
     return nn.Sequential(*layers, nn.Flatten())
 
 
+# Kept although convolving whole images is plainer: a pass of C3 with gradients over 405 distinct scenes of TowerFlipIt
+# takes 19 ms of a core's time with a table that knows them, as in all passes over a rollout but the first, and 609 ms
+# with torch's convolutions.
 class WindowTable:
     """The distinct windows that convolutions see in scenes: images are made of few parts, and each window is convolved
     once for all images of a batch that have it.

@@ -217,10 +217,9 @@ def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: i
 
 
 def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
-    """A patch of that shape (rows, columns, 3) with the items on and near it; None as in `_patch_blit`.
-
-    Shifts and adds packed ints, as array operations take ten times as long on so few entries.
-    """
+    """A patch of that shape (rows, columns, 3) with the items on and near it; None as in `_patch_blit`."""
+    # Adds packed ints because arrays are too slow for so few entries: in random play of Scatter one step in ten comes
+    # here, for two items on average, and takes 7 us so and 24 us with arrays of NumPy.
     patches = _patches(shrink)
     pitch = _pitch(1)
     block_pitch = _pitch(shrink)
