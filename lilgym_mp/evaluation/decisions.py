@@ -84,7 +84,7 @@ def action_cells(appearance: Appearance) -> tuple[Int64Array, Int64Array, int]:
     """
     counts = places_of(appearance.grid).counts
     types, *fields = action_arrays(appearance).T[: 1 + len(counts)].clip(0)
-    return types, np.ravel_multi_index(tuple(fields), counts), prod(counts)
+    return types, np.asarray(np.ravel_multi_index(tuple(fields), counts), np.int64), prod(counts)
 
 
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:

@@ -11,7 +11,7 @@ from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.appearances import part_of
+from lilgym_mp.scene.appearances import UnsupportedAppearance, part_of
 from lilgym_mp.scene.choices import checked_count
 from lilgym_mp.solver.class_search import Reachability, program_goal
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
@@ -25,6 +25,8 @@ from lilgym_mp.solver.weighted_goals import (
     WeightedPlan,
     WeightedPlanner,
 )
+
+__all__ = ["SEARCHES", "Solver", "UnsupportedAppearance"]
 
 SEARCHES: dict[str, Callable[[Any, Dynamics], Search]] = {"tower": TowerSearch, "scatter": ScatterSearch}
 CACHE_SIZE = 4_096  # action sets
