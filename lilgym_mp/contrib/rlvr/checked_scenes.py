@@ -137,7 +137,7 @@ def _further(program: Program, scenes: Sequence[Scene], values: dict[Scene, bool
     rng = random.Random(1)
     changed = sampler_of(appearance).changed
     found: list[Scene] = []
-    for start in scenes * WALKS_EACH:
+    for start in [*scenes] * WALKS_EACH:
         scene = start
         for _ in range(WALK_STEPS):
             scene = changed(rng, scene)
