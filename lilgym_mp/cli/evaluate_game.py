@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.cli.options import CommandError, given_environment
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.evaluation.files import write_json
+from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.game_partners import (
     BUILDER,
     GUIDE,
@@ -47,6 +47,11 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
         unused.append("passes")
     if unused:
         raise CommandError(f"--{unused[0]} is for the single-agent environment; --out FILE writes games")
+    table_file = None if args.out is None else args.out.with_suffix(".csv")
+    if table_file is not None:
+        if table_file == args.out:
+            raise CommandError(f"--out {args.out} is for JSON; a table is written beside it, so give another suffix")
+        fresh_file(table_file, force=args.force)
     games = [
         (settings, actions, _pairs(settings, agents, all_pairs=args.cross_play, sampled=actions == SAMPLED))
         for settings, actions in product(_games(args, agents), args.actions or [GREEDY])
@@ -85,9 +90,8 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
             )
             tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
     print("", *tables, LEGEND, sep="\n")
-    if args.out is not None:
+    if table_file is not None:
         write_json(args.out, {"results": results})
-        table_file = args.out.with_suffix(".csv")
         _write_csv(table_file, results)
         print(f"results: {args.out}, {table_file}")
     return 0
