@@ -139,9 +139,9 @@ class EnvState:
 
     @property
     def items(self) -> Int16Array:
-        """(B, 3, capacity, 5) `item_array` of each scene's boxes."""
+        """(B, 3, capacity, 5) `item_array` of each scene."""
         capacity = self._description.item_capacity
-        return np.stack([item_array(state.scene.boxes, capacity) for state in self.states()])
+        return np.stack([item_array(state.scene, capacity) for state in self.states()])
 
     def action_masks(self) -> BoolArray:
         """(B, actions) a new array: the legal actions after the wrapped wrappers."""

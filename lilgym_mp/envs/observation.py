@@ -121,7 +121,12 @@ def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:
     return reachable if capacity is None else min(reachable, capacity)
 
 
-def item_array(boxes: Sequence[Box], capacity: int) -> Int16Array:
+def item_array(scene: Scene, capacity: int) -> Int16Array:
+    """(3, capacity, 5) `item_arrays` of the scene's boxes."""
+    return item_arrays(scene.boxes, capacity)
+
+
+def item_arrays(boxes: Sequence[Box], capacity: int) -> Int16Array:
     """(boxes, capacity, 5): x, y, shape, colour and size of each box's items in order, then EMPTY."""
     array = np.full((len(boxes), capacity, len(Item._fields)), EMPTY, np.int16)
     for slots, box in zip(array, boxes, strict=True):
@@ -131,11 +136,11 @@ def item_array(boxes: Sequence[Box], capacity: int) -> Int16Array:
 
 
 def scene_of(array: Int16Array) -> Scene:
-    """The scene of whose boxes `array` is the `item_array`."""
+    """The scene whose `item_array` is `array`."""
     return Scene.of(*map(items_of, array))
 
 
 def items_of(slots: Int16Array) -> list[Item]:
-    """The items of a box, given as its row of the `item_array`."""
+    """The items of a box, given as its row of `item_arrays`."""
     filled = (row for row in slots.tolist() if row[-1] != EMPTY)
     return [Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in filled]

@@ -65,4 +65,4 @@ class ScalarCore(Core):
     def write_items(self) -> None:
         items = self._buffers.items
         for slots, scene in zip(items, self._scenes, strict=True):
-            slots[:] = item_array(scene.boxes, items.shape[2])
+            slots[:] = item_array(scene, items.shape[2])

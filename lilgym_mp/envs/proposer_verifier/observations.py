@@ -148,7 +148,7 @@ class ObservedGames(GameArrays):
         return self.items().take(indices, axis=0)
 
     def _items_of(self, scene: Scene) -> NDArray[Any]:
-        return item_array(scene.boxes, self.game.sizes.item_capacity)
+        return item_array(scene, self.game.sizes.item_capacity)
 
     def proposed_item_arrays(self, indices: Indices) -> Any:
         """(..., 3, capacity, 5) after the pending proposals"""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.envs.observation import item_array
+from lilgym_mp.envs.observation import item_arrays
 from lilgym_mp.scene import BOX_SIDE, SIZE_PIXELS, Box, Item, Scene
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.appearances.base import optional
@@ -79,7 +79,7 @@ class FeatureTable(BoxIndex, ABC):
             self.item_capacity = most
             self._updated = 0
             new = self.boxes
-        for name, rows in self.columns(new, item_array(new, self.item_capacity).astype(np.int64)).items():
+        for name, rows in self.columns(new, item_arrays(new, self.item_capacity).astype(np.int64)).items():
             setattr(self, name, np.concatenate([getattr(self, name), rows]) if self._updated else rows)
         self._updated = len(self.boxes)
 
