@@ -10,6 +10,8 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.render.characters import text
 
 
 class _Terminal(StringIO):
@@ -128,3 +130,16 @@ def test_table__continues_below_what_does_not_fit(width: int):
     assert max(map(len, lines)) <= width
     assert all(f" {name}" in text for name in names)
     assert sum(line.startswith("expert ") for line in lines) == {30: 6, 120: 1}[width]
+
+
+def test_table__fits_columns_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "30")
+    lines = table(["agent", "accuracy", "reward", "length"], [["parse and plan", 99.5, 0.5, 3.25]]).splitlines()
+    assert max(map(len, lines)) <= 30
+
+
+def test_text__has_letters_beside_colours_and_a_seam_below_each_block():
+    blocks = [Item(40, y, Shape.SQUARE, Colour.BLUE, Size.MEDIUM) for y in (80, 59)]
+    *_, upper, lower, _ = text(Scene.of(blocks, [], []), []).splitlines()
+    assert "\x1b[1;34mb\x1b[0m\x1b[1;34m#" in upper
+    assert "\x1b[4;1;34mb\x1b[0m\x1b[4;1;34m#" in lower

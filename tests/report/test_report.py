@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -24,12 +25,12 @@ from lilgym_mp.contrib.report.aggregation import (
     mean_where,
     paired_difference,
 )
-from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
+from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind, failures
 from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
-from lilgym_mp.contrib.report.report_data import load_report_data
-from lilgym_mp.contrib.report.results import paired_tests
+from lilgym_mp.contrib.report.report_data import PlayedElsewhere, load_report_data
+from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
@@ -155,6 +156,36 @@ def digests(directory: Path) -> dict[str, str]:
 
 
 @pytest.mark.long
+def test_summary__is_three_sentences_on_the_best_trained_agent(tmp_path: Path):
+    write_example(tmp_path)
+    first, second, third = summary(load_report_data([tmp_path]))
+    assert re.fullmatch(r"\S.* solves .* on dev\.", first)
+    assert second.startswith(("The second of", "No other"))
+    assert re.search(r"fails [\d,]+ times, \d+ % of them by: .*\.|never fails\.", third)
+
+
+def test_table_2__has_rows_of_games_and_language_models(tmp_path: Path):
+    write_example(tmp_path)
+    data = load_report_data([tmp_path])
+    place = data.entries[0].configuration, data.entries[0].split
+    row = PlayedElsewhere("proposer and verifier", "rewards", "greedy", 3, {place: certain(50.0)})
+    (made,) = table_2(replace(data, elsewhere=(row,)))
+    (shown,) = (cells for cells in made.texts() if cells[0] == "proposer and verifier ‡")
+    assert any(cell.startswith("50") for cell in shown)
+
+
+def test_failures__link_to_play_and_watch(tmp_path: Path):
+    write_example(tmp_path)
+    links = dict(next(failures(load_report_data([tmp_path]))).links)
+    kind = next(text.removeprefix("Play: ") for text in links if text.startswith("Play"))
+    assert links[f"Play: {kind}"].startswith("http://127.0.0.1:8000/play?configuration=")
+    assert "/watch?text=" in links[f"Watch: {kind}"]
+
+
+def test_latex__has_minus_signs():
+    assert "$-$1.50" in Table("Figure 3", "Mean reward", ("agent", "reward"), (("mine", -1.5),)).latex()
+
+
 def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
@@ -314,8 +345,10 @@ def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     ]
     assert r"paper $^\dagger$ & 1.0 & -- \\" in made.latex()
     few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
-    shown = [format_cell(cell, places=1) for cell in (few, few._replace(episodes=100))]
-    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.3 [60.0, 70.1]"]
+    many = few._replace(episodes=100)
+    assert format_cell(many, places=1) == "66.7 ± 1.3 [60.0, 70.1]"
+    mixed = report_items.table("Table", "Shares", ("a", "b (%)"), [("few", few), ("many", many)])
+    assert [row[1] for row in mixed.texts()] == ["67 ± 1 [60, 70]"] * 2  # a column has one number of decimals
 
 
 def test_report__damaged_evaluations_are_named(tmp_path: Path):
