@@ -38,7 +38,7 @@ from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.syntax import Node
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
-from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from lilgym_mp.solver import Solver
 
 ENVS = 256

@@ -47,14 +47,17 @@ class SelfPlay:
 
     def play_round(self, number: int) -> Round:
         """Trains a best response of each side, measures both, and adds them to the pools."""
-        before, responses = dict(self.pools), {role: self._train(role, number) for role in Role}
-        gains = [self._value(role, {**before, role: [responses[role]]}) - self._value(role, before) for role in Role]
+        before = dict(self.pools)
+        responses = {role: self._train(role, number) for role in Role}
+        gain, other_gain = (
+            self._value(role, {**before, role: [responses[role]]}) - self._value(role, before) for role in Role
+        )
         pairs = [self._measures(*pair) for pair in product(before[Role.PROPOSER], before[Role.VERIFIER])]
         self.pools = {role: [*before[role], responses[role]] for role in Role}
         lies, success = (
             sum(getattr(one, name) for one in pairs) / len(pairs) for name in ("accepted_false_claims", "success_rate")
         )
-        return Round(number, sum(gains), *gains, lies, success)
+        return Round(number, gain + other_gain, gain, other_gain, lies, success)
 
     def _train(self, role: Role, number: int) -> str:
         """The run of an agent that learned against the other side's pool."""

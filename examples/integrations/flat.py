@@ -30,8 +30,10 @@ def flat_and_mask(env: Any) -> Any:
     """The same with the legal actions as last elements, for libraries whose networks see nothing but observations."""
     env = flat(env)
     batched = isinstance(env, VectorEnv)
-    space = env.single_observation_space if batched else env.observation_space
-    wider = Box(*(np.append(bound, np.full(ACTIONS, end)) for bound, end in ((space.low, 0), (space.high, 1))))
+    space: Any = env.single_observation_space if batched else env.observation_space
+    low = np.append(space.low, np.zeros(ACTIONS, np.float32))
+    high = np.append(space.high, np.ones(ACTIONS, np.float32))
+    wider = Box(low, high)
 
     def add(seen: np.ndarray) -> np.ndarray:
         return np.concatenate([seen, action_masks(env)], -1, dtype=np.float32)

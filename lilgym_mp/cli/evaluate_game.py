@@ -90,7 +90,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
             )
             tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
     print("", *tables, LEGEND, sep="\n")
-    if table_file is not None:
+    if args.out is not None and table_file is not None:
         write_json(args.out, {"results": results})
         _write_csv(table_file, results)
         print(f"results: {args.out}, {table_file}")

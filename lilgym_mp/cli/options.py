@@ -98,7 +98,7 @@ def add_fields(
             kind = {"choices": known["choices"]}
         elif known["kind"] in (int, float):
             kind["metavar"] = "N"
-        text = (texts or {}).get(each.name, known["description"])
+        text = (texts or {}).get(each.name) or known["description"] or ""
         text += "" if default is None or "(default" in text else f" (default: {shown})"
         details = dict(known["shown"])
         details.pop("flag", None)

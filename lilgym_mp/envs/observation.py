@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypedDict, cast
 
 import numpy as np
 from gymnasium import spaces
-from gymnasium.spaces.utils import flatten_space
+from gymnasium.spaces.utils import flatten_space  # pyright: ignore[reportUnknownVariableType]
 from gymnasium.vector.utils import create_shared_memory  # pyright: ignore[reportUnknownVariableType]
 
 from lilgym_mp.corpus import TaskSet

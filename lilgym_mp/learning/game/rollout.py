@@ -114,7 +114,8 @@ class Rollout:
         np.add.at(counts, (self.targets[judged], first), 1)
         np.add.at(counts, (self.targets[judged], first + 1), self.verdicts[judged])
         rates = claim_rates(counts.sum(0))
-        j = mean_j(counts, (counts[:, [2, 4]] > 0).all(1))
+        has_both = np.all(counts[:, [2, 4]] > 0, axis=1, keepdims=True)[:, 0]
+        j = mean_j(counts, has_both)
         return float(rates["true_accept_rate"]), float(rates["false_accept_rate"]), float(j)
 
     @property

@@ -126,4 +126,5 @@ def every_box() -> EveryBox:
     """The 121 boxes in the order of `tower_tables`, and the edits from each to each."""
     tables = tower_tables()
     equal = (tables.colours[:, None] == tables.colours[None]) & (tables.colours[:, None] >= 0)
-    return EveryBox(tables.boxes, tables.heights[:, None] + tables.heights[None] - 2 * np.cumprod(equal, axis=2).sum(2))
+    shared = np.count_nonzero(np.logical_and.accumulate(equal, axis=2), axis=2)
+    return EveryBox(tables.boxes, tables.heights[:, None] + tables.heights[None] - 2 * shared)
