@@ -112,7 +112,7 @@ with the same results, otherwise.
 does not have exactly one element, an argument of the wrong type, an index out of range, a result that is not a bool, or
 an exceeded limit. `program(scene)` is then `False`, and `program.errors` counts the message once per scene.
 
-## Two examples
+## Three examples
 
 *"There is a blue item at the left wall."*
 
@@ -121,6 +121,14 @@ exist(filter_obj(all_items, lambda x: AND(is_blue(x), is_touching_wall(x, Side.L
 ```
 
 `filter_obj` keeps the items for which the lambda is true; `exist` tests whether any remain.
+
+*"Exactly two boxes hold at least two black items."*
+
+```
+count(filter_obj(all_boxes, lambda b: count(filter_color(b, Color.BLACK)) >= 2)) == 2
+```
+
+Boxes are filtered like items. `filter_color(b, ...)` filters the items of the box.
 
 *"In some tower a blue block lies on another block."*
 

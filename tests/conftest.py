@@ -17,6 +17,7 @@ SOURCES = {  # fixture: (environment variable, contents)
 }
 RAN = ("passed", "failed", "xfailed", "xpassed")
 
+os.environ.pop("COLUMNS", None)  # set where pytest has imported readline; tables would be wrapped
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's threads would contend with the other test processes
 
 gc.set_threshold(10_000)  # imports and collected tests would otherwise be searched for garbage over and over

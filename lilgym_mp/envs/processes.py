@@ -63,16 +63,16 @@ def start_protected(context: Any) -> Iterator[None]:
 
     Holds numba's lock, if numba is loaded: a process forked while another thread compiles could never compile.
     """
-    if context.get_start_method() != "fork":  # these helper processes must not inherit the block
-        from multiprocessing import resource_tracker
-
-        resource_tracker.ensure_running()
-    if context.get_start_method() == "forkserver":
-        from multiprocessing import forkserver
-
-        forkserver.ensure_running()
     compiler = sys.modules.get("numba.core.compiler_lock")
     with start_method_kept(), nullcontext() if compiler is None else compiler.global_compiler_lock:
+        if context.get_start_method() != "fork":  # these helper processes must not inherit the block
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()
+        if context.get_start_method() == "forkserver":
+            from multiprocessing import forkserver
+
+            forkserver.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield

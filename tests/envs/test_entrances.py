@@ -92,7 +92,7 @@ OTHERS = [
     (TOWER, {"rules": "release"}),
     (TOWER, {"horizon": 5}),
 ]
-SAVED = r"saved in tower, start='flipit', rules='paper', horizon=12; this batch is (tower|scatter)"
+SAVED = "saved in tower, grid=None, start='flipit', rules='paper', horizon=12; this batch is (tower|scatter), grid="
 
 
 @pytest.mark.parametrize("kind", ["batch", "workers"])

@@ -36,7 +36,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/scene/appearances/scatter/geometry.py:snapped": ("tests/appearances", "tests/fidelity"),
     "lilgym_mp/scene/appearances/scatter/cell_places.py:searched": ("tests/appearances",),
     "lilgym_mp/scene/appearances/scatter/cell_places.py:legal_edits": ("tests/appearances/test_masks.py",),
-    "lilgym_mp/scene/appearances/tower/rules.py:_legal_by_heights": ("tests/appearances",),
+    "lilgym_mp/scene/appearances/tower/geometry.py:legal_by_heights": ("tests/appearances",),
     "lilgym_mp/envs/cores/scatter_kernels.py:_closest": ("tests/envs/test_cores.py",),
     "lilgym_mp/envs/cores/kernels.py:edit_tower_scenes": ("tests/envs/test_cores.py",),
     "lilgym_mp/envs/engine.py:Engine.step": ("tests/envs/test_batched.py",),

@@ -288,7 +288,7 @@ def test_invalid_settings__are_refused(make: Make, settings: dict[str, Any], mes
 def test_example__plays_with_a_stub_for_a_model(
     configuration: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    options = ["--id", f"lilgym_mp/{configuration}-v0", "--episodes", "2", "--steps", "3"]
+    options = ["--id", f"lilgym_mp/{configuration}-v0", "--episodes", "2", "--max-actions", "3"]
     monkeypatch.setattr(sys, "argv", [str(EXAMPLE), *options])
     runpy.run_path(str(EXAMPLE), run_name="__main__")
     lines = capsys.readouterr().out.splitlines()

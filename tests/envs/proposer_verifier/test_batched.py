@@ -203,8 +203,8 @@ def test_progress__pays_each_step_towards_the_goal(protocol: str):
             if (terminated | truncated)[index]:
                 continue
             after = batch._games.mdp(index)
-            lengths = [len(solver.solve_from(each._replace(steps=0)).actions or ()) for each in (state, after)]
-            progress = lengths[0] - lengths[1]
+            length, left = (solver.solve_from(each._replace(steps=0)).steps for each in (state, after))
+            progress = length - left if length and left else 0  # where no solution is found, it is unknown
             has_paid |= progress != 0
             assert rewards[PROPOSER][index] == pytest.approx(unshaped[PROPOSER][index] + 0.5 * progress)
             assert rewards[VERIFIER][index] == pytest.approx(0.25 * progress)
