@@ -95,7 +95,7 @@ def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> No
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     (records,) = read_released_file(directory / names[0], []).records.values()
     facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
-    for module in ("corpus.official", "cli.data_report"):  # the second would keep these facts if imported later
+    for module in ("cli.data_report", "corpus.official"):  # the first, when imported, copies those of the second
         monkeypatch.setattr(f"lilgym_mp.{module}.FILE_FACTS", facts)
 
 
