@@ -113,9 +113,8 @@ def _introduction(table: str) -> Iterator[str]:
         "Two appearances, Tower and Scatter, each with two kinds of start, make four configurations. In Scratch, every "
         "episode starts with three empty boxes, and the target is `True`. In FlipIt, it starts with a scene from the "
         "corpus, and the target is the opposite of the statement's truth value there. `reset` draws a start scene "
-        "uniformly (as the release does; the paper does not say how), so a statement with four scenes comes up four "
-        "times as often as one with one scene. With the "
-        "builtin corpus:"
+        "uniformly, so a statement with four scenes comes up four times as often as one with one. With the builtin "
+        "corpus:"
     )
     yield table
     yield (
