@@ -17,12 +17,12 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.config import EnvConfig, SingleConfig
 from lilgym_mp.envs.engine import BatchSettings
-from lilgym_mp.envs.rules import RULE_SETS, Outcome, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Outcome
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Item, Scene, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Size
 from lilgym_mp.scene.actions import BOX_NAMES, describe
-from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter, Tower
+from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "environments"
 
@@ -193,23 +193,10 @@ def _action_rows(appearance: Appearance, indices: Iterable[int]) -> list[Sequenc
 def _tower_actions(appearance: Appearance) -> Iterator[str]:
     header = ("index", "action", "array form [type, box, colour]")
     yield _table(header, _action_rows(appearance, range(appearance.action_count)))
-    blocks = _full_tower()
-    side = blocks[0].side
-    lefts = ", ".join(str(box * BOX_PITCH) for box in range(BOX_COUNT))
-    tops = ", ".join(str(block.y) for block in blocks)
     yield (
-        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. In the native image, 380 x "
-        f"100 pixels, boxes begin at x = {lefts}; blocks are {side} x {side} pixels, {blocks[0].x} from the left of "
-        f"their box, and their top edges are at y = {tops} from the bottom up."
+        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. The "
+        "[specification](../spec.md#scenes) has their places in the image."
     )
-
-
-def _full_tower() -> Sequence[Item]:
-    """The blocks of a full tower, bottom first, as placed by the rules."""
-    dynamics, scene = make_dynamics(Tower()), Scene.empty()
-    for _ in range(Tower().box_capacity):
-        scene = dynamics.appearance.apply(scene, dynamics.appearance.decode(1), dynamics.rules.placement).scene
-    return scene.boxes[0].items
 
 
 def _scatter_actions(appearance: Scatter) -> Iterator[str]:
@@ -238,9 +225,8 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     )
     yield (
         "ADD puts the item's upper left corner at that of the cell or, if it overlaps an item there, at a free pixel "
-        "of the cell such that half of the item lies in the cell or half of the cell is covered (a condition of the "
-        "release's code, not of the paper). Then the item snaps to a neighbour up to 4 pixels away. REMOVE takes the "
-        "item that covers the largest part of the cell."
+        "of the cell such that half of the item lies in the cell or half of the cell is covered. Then the item "
+        "snaps to a neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the cell."
     )
 
 
