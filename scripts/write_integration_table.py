@@ -54,7 +54,7 @@ def table() -> str:
     """The table: a row for each library and the kinds of environment that it treats alike."""
     rows = [
         "| library | environment | masks | evaluation | normalisation | snippet |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "|---|---|---|---|---|---|",
     ]
     for snippet in snippets():
         alike: dict[tuple[str, str, str], list[str]] = {}

@@ -240,16 +240,20 @@ def test_examples_with_other_libraries__learn(
     assert printed[-1] >= printed[0] + gain
 
 
-def test_code_for_torchrl_in_the_integrations_page__prints_the_described_output() -> None:
-    _needs("torchrl")
+@pytest.mark.parametrize(
+    ("module", "text"),
+    [("torchrl", "from torchrl."), ("sb3_contrib", "make_game_vec_env"), ("supersuit", "MaskablePPO")],
+)
+def test_code_in_the_integrations_page__prints_the_described_output(module: str, text: str) -> None:
+    _needs(module)
     page = (TESTS.parent / "docs" / "integrations.md").read_text()
-    (block,) = (block for block in code_blocks(page) if "from torchrl." in block.code)
+    blocks = [block for block in code_blocks(page) if text in block.code]
     done = subprocess.run(
-        [sys.executable, "-c", block.code],
+        [sys.executable, "-c", "".join(block.code for block in blocks)],
         capture_output=True,
         text=True,
         check=False,
         cwd=TESTS.parent,
         timeout=TIMEOUT_SECONDS,
     )
-    assert done.stdout == block.output, done.stderr[-2000:]
+    assert done.stdout == "".join(block.output or "" for block in blocks), done.stderr[-2000:]
