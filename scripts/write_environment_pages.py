@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,7 @@ def page(appearance: str) -> str:
     """The Markdown page of both configurations of an appearance."""
     settings = [Settings(name) for name in CONFIGURATIONS if CONFIGURATIONS[name][0] == appearance]
     sections = (_opening(settings), _actions(settings[0]), _illegal(appearance))
-    return "\n\n".join(part for section in sections for part in section) + "\n"
+    return _joined(sections)
 
 
 def index() -> str:
@@ -104,7 +105,16 @@ def index() -> str:
         _infos(),
         _keywords(),
     )
-    return "\n\n".join(part for section in sections for part in section) + "\n"
+    return _joined(sections)
+
+
+def _joined(sections: Iterable[Iterator[str]]) -> str:
+    """The parts of the sections as paragraphs; lines of prose end at 150 characters."""
+    parts = [part for section in sections for part in section]
+    for index, part in enumerate(parts):
+        if "\n" not in part and not part.startswith(("#", "!")):
+            parts[index] = textwrap.fill(part, 150, break_long_words=False, break_on_hyphens=False)
+    return "\n\n".join(parts) + "\n"
 
 
 def _introduction(table: str) -> Iterator[str]:
