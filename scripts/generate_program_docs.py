@@ -83,10 +83,9 @@ LIMITS = """
 ## Limits
 
 The source has at most {max_length} characters; brackets nest at most {max_brackets} deep, expressions {max_depth} deep.
-An evaluation has a budget of {steps:,} steps of about 0.1 microseconds. Copying, hashing, comparing and sorting are
-charged in advance, nested elements included. A collection has at most {size:,} elements, collections nest at most
-{nesting} deep, function calls at most {calls} deep, and the values held at once have at most {held:,} elements at all
-levels. A program that exceeds a limit has no value on that scene.
+An evaluation has a budget of {steps:,} steps of about 0.1 microseconds. A collection has at most {size:,} elements,
+collections nest at most {nesting} deep, function calls at most {calls} deep, and the values held at once have at most
+{held:,} elements at all levels. A program that exceeds a limit has no value on that scene.
 
 On one current core, any text compiles or is rejected within 5 seconds and 100 MB, and gives its value or a
 `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene; official programs take microseconds.
@@ -95,9 +94,6 @@ For untrusted programs, such as a language model's, set a lower limit: `program.
 raises `StepLimitError` (a `ProgramRuntimeError`) after about 10 milliseconds. `bounded_truths(source, scenes)` gives a
 program's truth in each scene, `None` where it has no value; it raises `ProgramError` for an invalid one and
 `StepLimitError` after {bounded:,} steps on all scenes together.
-
-Programs are evaluated by generated code while every box has at most {box} items, and by the slower reference evaluator,
-with the same results, otherwise.
 
 ## Errors
 

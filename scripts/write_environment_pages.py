@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.config import EnvConfig, SingleConfig
 from lilgym_mp.envs.engine import BatchSettings
-from lilgym_mp.envs.rules import RULE_SETS, Outcome, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Outcome
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Item, Scene, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Size
 from lilgym_mp.scene.actions import BOX_NAMES, describe
-from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter, Tower
+from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "environments"
 
@@ -84,7 +85,7 @@ def page(appearance: str) -> str:
     """The Markdown page of both configurations of an appearance."""
     settings = [Settings(name) for name in CONFIGURATIONS if CONFIGURATIONS[name][0] == appearance]
     sections = (_opening(settings), _actions(settings[0]), _illegal(appearance))
-    return "\n\n".join(part for section in sections for part in section) + "\n"
+    return _joined(sections)
 
 
 def index() -> str:
@@ -104,7 +105,16 @@ def index() -> str:
         _infos(),
         _keywords(),
     )
-    return "\n\n".join(part for section in sections for part in section) + "\n"
+    return _joined(sections)
+
+
+def _joined(sections: Iterable[Iterator[str]]) -> str:
+    """The parts of the sections as paragraphs; lines of prose end at 150 characters."""
+    parts = [part for section in sections for part in section]
+    for index, part in enumerate(parts):
+        if "\n" not in part and not part.startswith(("#", "!")):
+            parts[index] = textwrap.fill(part, 150, break_long_words=False, break_on_hyphens=False)
+    return "\n\n".join(parts) + "\n"
 
 
 def _introduction(table: str) -> Iterator[str]:
@@ -113,9 +123,8 @@ def _introduction(table: str) -> Iterator[str]:
         "Two appearances, Tower and Scatter, each with two kinds of start, make four configurations. In Scratch, every "
         "episode starts with three empty boxes, and the target is `True`. In FlipIt, it starts with a scene from the "
         "corpus, and the target is the opposite of the statement's truth value there. `reset` draws a start scene "
-        "uniformly (as the release does; the paper does not say how), so a statement with four scenes comes up four "
-        "times as often as one with one scene. With the "
-        "builtin corpus:"
+        "uniformly, so a statement with four scenes comes up four times as often as one with one. With the builtin "
+        "corpus:"
     )
     yield table
     yield (
@@ -194,23 +203,10 @@ def _action_rows(appearance: Appearance, indices: Iterable[int]) -> list[Sequenc
 def _tower_actions(appearance: Appearance) -> Iterator[str]:
     header = ("index", "action", "array form [type, box, colour]")
     yield _table(header, _action_rows(appearance, range(appearance.action_count)))
-    blocks = _full_tower()
-    side = blocks[0].side
-    lefts = ", ".join(str(box * BOX_PITCH) for box in range(BOX_COUNT))
-    tops = ", ".join(str(block.y) for block in blocks)
     yield (
-        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. In the native image, 380 x "
-        f"100 pixels, boxes begin at x = {lefts}; blocks are {side} x {side} pixels, {blocks[0].x} from the left of "
-        f"their box, and their top edges are at y = {tops} from the bottom up."
+        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. The "
+        "[specification](../spec.md#scenes) has their places in the image."
     )
-
-
-def _full_tower() -> Sequence[Item]:
-    """The blocks of a full tower, bottom first, as placed by the rules."""
-    dynamics, scene = make_dynamics(Tower()), Scene.empty()
-    for _ in range(Tower().box_capacity):
-        scene = dynamics.appearance.apply(scene, dynamics.appearance.decode(1), dynamics.rules.placement).scene
-    return scene.boxes[0].items
 
 
 def _scatter_actions(appearance: Scatter) -> Iterator[str]:
@@ -239,9 +235,8 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     )
     yield (
         "ADD puts the item's upper left corner at that of the cell or, if it overlaps an item there, at a free pixel "
-        "of the cell such that half of the item lies in the cell or half of the cell is covered (a condition of the "
-        "release's code, not of the paper). Then the item snaps to a neighbour up to 4 pixels away. REMOVE takes the "
-        "item that covers the largest part of the cell."
+        "of the cell such that half of the item lies in the cell or half of the cell is covered. Then the item "
+        "snaps to a neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the cell."
     )
 
 

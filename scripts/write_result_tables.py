@@ -274,9 +274,9 @@ def text(page: str) -> str:
 def _table(match: re.Match[str]) -> str:
     head, *rows = read(match["name"])
     texts = int(match["texts"])
-    rule = "|".join(["---"] * texts + ["---:"] * (len(head) - texts))
-    first, *lines = [f"| {' | '.join(row)} |\n" for row in (head, *rows)]
-    return match[0].split("\n", 1)[0] + f"\n\n{first}|{rule}|\n" + "".join(lines)
+    rule = "|---" * texts + "|---:" * (len(head) - texts) + "|\n"
+    first, *lines = (f"| {' | '.join(row)} |\n" for row in (head, *rows))
+    return match[0].split("\n", 1)[0] + "\n\n" + "".join([first, rule, *lines])
 
 
 if __name__ == "__main__":

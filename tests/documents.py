@@ -2,7 +2,7 @@
 
 A ```python block is executed; its output is the ```text block after it. A ```console block holds `$ lilgym-mp ...`
 commands, which run in this process, each followed by its output. In expected output, `...` matches any text. An
-exception counts as output, in the form "Type: message".
+exception counts as output, in the form "Type: message". Notes that something takes long to load are left out.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from lilgym_mp.cli import main
 
 PROMPT = "$ lilgym-mp "
+_LOADING = re.compile(r"^loading .* \.\.\.\n", re.MULTILINE)
 _BLOCK = re.compile(r"^```(python|console|text)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -84,4 +85,4 @@ def _matches(expected: str, printed: str) -> bool:
 
 
 def _trimmed(text: str) -> str:
-    return "\n".join(line.rstrip() for line in text.strip().splitlines())
+    return "\n".join(line.rstrip() for line in _LOADING.sub("", text).strip().splitlines())

@@ -49,6 +49,12 @@ def test_pages__print_the_output_they_show(path: Path, tmp_path: Path, monkeypat
     assert run_document(path) == []
 
 
+def test_pages__need_not_show_that_something_takes_long_to_load(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint('loading corpus builtin ...')\nprint(1)\n```\n\n```text\n1\n```\n")
+    assert run_document(page) == []
+
+
 def test_solver__has_correct_doctests() -> None:
     for failures, tried in (doctest.testfile(str(ROOT / "docs" / "solver.md"), False), doctest.testmod(expert)):
         assert (failures, tried > 3) == (0, True)

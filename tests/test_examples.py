@@ -241,22 +241,19 @@ def test_examples_with_other_libraries__learn(
 
 
 @pytest.mark.parametrize(
-    ("module", "expected"),
-    [
-        ("ray", r"^[+-]?\d\.\d+$"),
-        ("torchrl", r"^\(64, 100\) 100% legal, \d+ episodes\n\{'proposer': \['proposer_0'\].* \(10, 1\)$"),
-    ],
+    ("module", "text"),
+    [("torchrl", "from torchrl."), ("sb3_contrib", "make_game_vec_env"), ("supersuit", "MaskablePPO")],
 )
-def test_code_in_the_integrations_page__prints_the_described_output(module: str, expected: str) -> None:
+def test_code_in_the_integrations_page__prints_the_described_output(module: str, text: str) -> None:
     _needs(module)
     page = (TESTS.parent / "docs" / "integrations.md").read_text()
-    code = "\n".join(block.code for block in code_blocks(page) if f"from {module}." in block.code)
+    blocks = [block for block in code_blocks(page) if text in block.code]
     done = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", "".join(block.code for block in blocks)],
         capture_output=True,
         text=True,
         check=False,
         cwd=TESTS.parent,
         timeout=TIMEOUT_SECONDS,
     )
-    assert re.search(expected, done.stdout, re.MULTILINE), done.stderr[-2000:]
+    assert done.stdout == "".join(block.output or "" for block in blocks), done.stderr[-2000:]
