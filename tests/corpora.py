@@ -128,9 +128,11 @@ def write_own_corpus(path: Path) -> Path:
         entry
         for split in SPLITS
         for appearance, items in (("tower", tower), ("scatter", _corner_squares))
-        for entry in [*(_has(split, appearance, colour, items) for colour in COLOURS_OF_SPLIT[split]),
-                      _counts(split, appearance, items)]
-    ]  # fmt: skip
+        for entry in [
+            *(_has(split, appearance, colour, items) for colour in COLOURS_OF_SPLIT[split]),
+            _counts(split, appearance, items),
+        ]
+    ]
     write_corpus(path, "own", "MIT", entries)
     return path
 

@@ -132,9 +132,13 @@ def results_changed(change: Callable[..., Any]) -> Method:
 def info_changed(**entries: Any) -> Method:
     return results_changed(
         lambda image, reward, terminated, truncated, info: (
-            image, reward, terminated, truncated, {**info, **entries} if terminated else info,
+            image,
+            reward,
+            terminated,
+            truncated,
+            {**info, **entries} if terminated else info,
         )
-    )  # fmt: skip
+    )
 
 
 def unseeded(self: Any, *, seed: Any = None, options: Any = None) -> Any:

@@ -35,8 +35,14 @@ CROWD = scene(
     right=[triangle(70, 70, LARGE, B), square(0, 80, colour=Y)],
 )
 PROGRAMS = (
-    BLUE_CIRCLE, SMALL_AT_THE_FLOOR, TWO_CORNERS, BLACK_OVER_YELLOW, TOUCHING_PAIR, SAME_COLOURS, A_TOWER,
-)  # fmt: skip
+    BLUE_CIRCLE,
+    SMALL_AT_THE_FLOOR,
+    TWO_CORNERS,
+    BLACK_OVER_YELLOW,
+    TOUCHING_PAIR,
+    SAME_COLOURS,
+    A_TOWER,
+)
 
 
 # Under the release's rules no item lies lower than the top of its cell: its search of the cell finds no other place.
