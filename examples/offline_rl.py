@@ -97,10 +97,14 @@ def main() -> None:
     lengths = np.diff(data["starts"])
     tokens, target = (data[name].repeat(lengths, 0) for name in ("tokens", "target"))
     dataset = d3rlpy.dataset.MDPDataset(
-        vectors(tokens, data["item_array"], target), data["action"][:, None], data["reward"][:, None],
-        data["terminated"].astype(np.float32), data["truncated"].astype(np.float32),
-        action_space=d3rlpy.ActionSpace.DISCRETE, action_size=ACTIONS,
-    )  # fmt: skip
+        vectors(tokens, data["item_array"], target),
+        data["action"][:, None],
+        data["reward"][:, None],
+        data["terminated"].astype(np.float32),
+        data["truncated"].astype(np.float32),
+        action_space=d3rlpy.ActionSpace.DISCRETE,
+        action_size=ACTIONS,
+    )
     env = StructuredObservation(gym.make("lilgym_mp/TowerScratch-v0", split="dev", observation="arrays"), slots=4)
     options: dict[str, Any] = {
         "batch_size": BATCH,

@@ -385,10 +385,22 @@ def test_hostile_replies__are_scored_in_bounded_time():
 
 def word_mutants(program: str) -> Iterator[str]:
     """Programs in which one word, number or comparison is another."""
-    groups = ("is_yellow is_blue is_black", "is_circle is_square is_triangle", "YELLOW BLUE BLACK", "and or", "All Any",
-              "CIRCLE SQUARE TRIANGLE", "is_top is_bottom is_second is_third", "ge le", "== >= <= > <",
-              "is_touching_wall is_closely_touching_wall", "get_touching get_closely_touching get_above get_below",
-              "0 1 2", "2 1 3", "3 2 4")  # fmt: skip
+    groups = (
+        "is_yellow is_blue is_black",
+        "is_circle is_square is_triangle",
+        "YELLOW BLUE BLACK",
+        "and or",
+        "All Any",
+        "CIRCLE SQUARE TRIANGLE",
+        "is_top is_bottom is_second is_third",
+        "ge le",
+        "== >= <= > <",
+        "is_touching_wall is_closely_touching_wall",
+        "get_touching get_closely_touching get_above get_below",
+        "0 1 2",
+        "2 1 3",
+        "3 2 4",
+    )
     for match in re.finditer(r"\w+|[<>=]+", program):
         for group in map(str.split, groups):
             for word in group if match[0] in group else ():

@@ -20,16 +20,31 @@ SCATTERED = (
 STATEMENTS = (
     ("tower", "A blue block is there.", "exist(filter_color(all_items, Color.BLUE))", TOWERS),
     ("tower", "Two towers have two blocks.", "count(filter_obj(all_boxes, lambda b: count(b) == 2)) == 2", TOWERS),
-    ("tower", "Each tower has black on top.", "count(filter_obj(all_items, lambda x: is_top(x) and is_black(x))) == 3",
-     TOWERS),
-    ("scatter", "Three circles are blue.", "count(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x))) == 3",
-     SCATTERED),
-    ("scatter", "A small thing lies in a corner.",
-     "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x)))", SCATTERED),
-    ("scatter", "Black is below yellow.",
-     "exist(filter_obj(all_items, lambda x: is_yellow(x) and exist(filter_color(get_below(x), Color.BLACK))))",
-     SCATTERED),
-)  # fmt: skip
+    (
+        "tower",
+        "Each tower has black on top.",
+        "count(filter_obj(all_items, lambda x: is_top(x) and is_black(x))) == 3",
+        TOWERS,
+    ),
+    (
+        "scatter",
+        "Three circles are blue.",
+        "count(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x))) == 3",
+        SCATTERED,
+    ),
+    (
+        "scatter",
+        "A small thing lies in a corner.",
+        "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x)))",
+        SCATTERED,
+    ),
+    (
+        "scatter",
+        "Black is below yellow.",
+        "exist(filter_obj(all_items, lambda x: is_yellow(x) and exist(filter_color(get_below(x), Color.BLACK))))",
+        SCATTERED,
+    ),
+)
 
 
 def corpus_entries(split: str) -> list[Any]:

@@ -17,8 +17,23 @@ SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "si
 PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
 ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
 ODD_VALUES: tuple[Any, ...] = (
-    None, True, 0, -1, 10**30, 1.5, float("nan"), "", " ", "\x1b[31m", "a" * 10_000, [], [[]], {}, {"a": 1}, "\ud800",
-)  # fmt: skip
+    None,
+    True,
+    0,
+    -1,
+    10**30,
+    1.5,
+    float("nan"),
+    "",
+    " ",
+    "\x1b[31m",
+    "a" * 10_000,
+    [],
+    [[]],
+    {},
+    {"a": 1},
+    "\ud800",
+)
 CORRUPTIONS = ("flip", "cut", "repeat", "odd value", "lost key", "deep", "gzip", "not text")
 
 

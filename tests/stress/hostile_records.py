@@ -26,10 +26,35 @@ EPISODES = 8
 SECONDS = 10.0  # for any response, on a busy machine
 MARKUP = "<script>alert(1)</script>"
 ODD_VALUES: tuple[Any, ...] = (
-    None, True, -1, 0, 10**30, 1e308, float("nan"), float("inf"), "", MARKUP, "a\x1b[31m\0b", "x" * 20_000, [], {},
-    [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |",
-    10**400, "\u202e", "STOP", [[[[[]]]]], [0] * 1_000,
-)  # fmt: skip
+    None,
+    True,
+    -1,
+    0,
+    10**30,
+    1e308,
+    float("nan"),
+    float("inf"),
+    "",
+    MARKUP,
+    "a\x1b[31m\0b",
+    "x" * 20_000,
+    [],
+    {},
+    [[]],
+    {"a": {}},
+    "\ud800",
+    [None],
+    "TowerFlipIt",
+    "../../etc",
+    2**63,
+    "=1+1",
+    "| a | b |",
+    10**400,
+    "\u202e",
+    "STOP",
+    [[[[[]]]]],
+    [0] * 1_000,
+)
 
 
 def _places(value: Any) -> Iterator[tuple[Any, Any]]:

@@ -78,7 +78,7 @@ ATTACKS: dict[str, str] = {
     "text of three boxes": repeated(19, "All(all_boxes, lambda {0}: {1} and exist({0}))", "True"),
     "text of filters": repeated(14, "Any(filter_obj(all_boxes, lambda {0}: {1} and exist({0})), exist)", "1 == 1"),
     "text of tuples": f"exist(combinations([{', '.join(['all_boxes[0]'] * 200)}], 2))",
-}  # fmt: skip
+}
 
 
 def crowded_scene(count: int) -> Scene:

@@ -12,8 +12,11 @@ from lilgym_mp.scene.render import draw
 from tests.scenes import LARGE, MEDIUM, B, K, circle, square
 
 MIN_ACCURACY = {  # on dev; random play has at most 0.2
-    "TowerScratch": 0.7, "TowerFlipIt": 0.7, "ScatterScratch": 0.55, "ScatterFlipIt": 0.65,
-}  # fmt: skip
+    "TowerScratch": 0.7,
+    "TowerFlipIt": 0.7,
+    "ScatterScratch": 0.55,
+    "ScatterFlipIt": 0.65,
+}
 
 
 @pytest.mark.parametrize("configuration", MIN_ACCURACY)

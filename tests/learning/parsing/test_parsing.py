@@ -456,8 +456,14 @@ def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse()
     parses = [agent.parser.parse(statement, "tower") for statement in written]
     assert len({(parse.words, parse.candidates) for parse in parses}) == 1
     assert parses[0].candidates[0].program.startswith("All(")
-    for written, unknown in (("Zorbl, every tower has a yellow base", "zorbl"), ("!!!", "!!!"), ("≥ 3 blocks", "≥"),
-                             ("There is a blök.", "blök"), ("Жёлтый блок.", "жёлтый"), ("", "")):  # fmt: skip
+    for written, unknown in (
+        ("Zorbl, every tower has a yellow base", "zorbl"),
+        ("!!!", "!!!"),
+        ("≥ 3 blocks", "≥"),
+        ("There is a blök.", "blök"),
+        ("Жёлтый блок.", "жёлтый"),
+        ("", ""),
+    ):
         parse = agent.parser.parse(written, "tower")
         assert parse.unknown[0] == unknown
         assert parse.confidence <= UNKNOWN_FACTOR

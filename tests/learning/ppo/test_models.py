@@ -235,9 +235,18 @@ def test_cuda_graphs__train_as_without_them(
         monkeypatch.setattr(training, "uses_graphs", lambda *_, answer=use_graphs: answer)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
         recipe = PPORecipe.of(
-            "TowerScratch", "paper", model="c3-bert", stop_forcing=True, reduced_precision=False, envs=4, rollout=16,
-            batch_size=8, epochs=2, held_out=0.0, patience=0,
-        )  # fmt: skip
+            "TowerScratch",
+            "paper",
+            model="c3-bert",
+            stop_forcing=True,
+            reduced_precision=False,
+            envs=4,
+            rollout=16,
+            batch_size=8,
+            epochs=2,
+            held_out=0.0,
+            patience=0,
+        )
         train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
         weights.append(load_file(out / "agent.safetensors"))
         (group,) = torch.load(out / "checkpoint.pt")["optimiser"]["param_groups"]

@@ -421,9 +421,12 @@ def test_resume__rejects_a_checkpoint_of_another_run(begun: Path, part: str, val
 
 @pytest.mark.parametrize(
     "settings",
-    [Settings("TowerScratch", corpus="nowhere"), Settings("TowerScratch", rules="house"),
-     Settings("ScatterScratch", grid="native")],
-)  # fmt: skip
+    [
+        Settings("TowerScratch", corpus="nowhere"),
+        Settings("TowerScratch", rules="house"),
+        Settings("ScatterScratch", grid="native"),
+    ],
+)
 def test_train__invalid_settings_create_no_directory(tmp_path: Path, settings: Settings):
     with pytest.raises(ValueError, match=r"nowhere|house|1,064,001 actions"):
         trained(tmp_path / "run", settings=settings)
