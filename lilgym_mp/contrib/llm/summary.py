@@ -39,9 +39,7 @@ class Turn:
     def said(self) -> Answer:
         """The agent's answer, with the problem only if the server named it."""
         problem = None if self.problem == NOT_UNDERSTOOD else self.problem
-        return Answer(
-            self.answer, self.prompt_tokens, self.completion_tokens, self.reasoning, self.retries, problem
-        )
+        return Answer(self.answer, self.prompt_tokens, self.completion_tokens, self.reasoning, self.retries, problem)
 
 
 @dataclass(frozen=True)
