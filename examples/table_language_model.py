@@ -38,7 +38,13 @@ CONFIGURATIONS = ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipI
 GAME, PROTOCOL = "TowerFlipIt", "audit"
 JUDGED = ("expert", "expert-deceptive")  # whose claims a verifier judges
 LEVELS = (1, 2, 3, 4, 5)
-COLUMNS = (*CONFIGURATIONS, *(role.name.lower() for role in Role), *(f"level {level}" for level in LEVELS))
+GROUPS = {
+    "Tower Scratch/FlipIt": CONFIGURATIONS[:2],
+    "Scatter Scratch/FlipIt": CONFIGURATIONS[2:],
+    "proposer/verifier": ("proposer", "verifier"),
+    "plans of levels 1/2/3/4/5": tuple(f"level {level}" for level in LEVELS),
+}
+COLUMNS = tuple(column for columns in GROUPS.values() for column in columns)
 SCENES = ("list", "image")
 CONSTANTS = 20  # first actions of the constant plans
 CALLS = {"proposer": 5, "verifier": len(JUDGED), "level": 1}  # about, in an episode; others 5
@@ -219,10 +225,10 @@ def main() -> None:
     found = {**baselines(args), **shipped(args)}
     for scene in SCENES if args.model else ():
         found[f"{args.model}, {'text' if scene == 'list' else 'image'}"] = model_row(args, scene)
-    print(f"\n| player | {' | '.join(COLUMNS)} |\n|---|{'---:|' * len(COLUMNS)}")
+    print(f"\n| player | {' | '.join(GROUPS)} |\n|---|{'---:|' * len(GROUPS)}")
     for name, figures in found.items():
-        shown = [f"{100 * figures[column]:.0f}" if column in figures else "" for column in COLUMNS]
-        print(f"| {name} | {' | '.join(shown)} |")
+        shown = {column: f"{100 * figures[column]:.0f}" if column in figures else "-" for column in COLUMNS}
+        print(f"| {name} | {' | '.join('/'.join(map(shown.get, group)) for group in GROUPS.values())} |")
 
 
 if __name__ == "__main__":
