@@ -76,7 +76,7 @@ def _reward(reply: str, row: Row) -> float:
 
 def random_reply(row: Row, rng: random.Random) -> str:
     """A random plan of legal actions, truth value, or program of a statement of the same level."""
-    if row.kind == "truth":
+    if row.kind in ("truth", "verify"):
         return rng.choice(("true", "false"))
     if row.kind == "program":
         return next(statements(row.appearance, row.level or 1, rng)).program
@@ -97,7 +97,7 @@ def _constant_replies(kind: str, appearance: str, found: Iterable[Row]) -> list[
             rng = random.Random(0)
             actions = [made.decode(rng.randrange(1, made.action_count)) for _ in range(CONSTANT_PLANS)]
             return [f"{describe(action)}\nSTOP" for action in actions]
-        case "truth":
+        case "truth" | "verify":
             return ["true", "false"]
         case _:
             return [row.task.program for row in islice(found, 10)]

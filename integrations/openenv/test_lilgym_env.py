@@ -14,6 +14,7 @@ import httpx
 import pytest
 from lilgym_env import LilgymAction, LilgymEnv
 
+from lilgym_mp.contrib.adapters.openenv import PlanEnvironment
 from lilgym_mp.contrib.rlvr import expert_reply, rows
 
 PACKAGE = Path(__file__).parent / "lilgym_env"
@@ -56,7 +57,16 @@ def test_three_sessions_at_once__each_play_their_own_task(url: str):
         session.close()
 
 
-@pytest.mark.parametrize("settings", [{"level": 99}, {"appearance": "mosaic"}, {"difficulty": 2}])
+@pytest.mark.parametrize(("scene", "count"), [("list", 0), ("image", 1)])
+def test_observation__has_pictures_if_they_are_shown(scene: str, count: int):
+    environment = PlanEnvironment()
+    observed = [environment.reset(seed=1, level=1, scene=scene), environment.step(LilgymAction(reply="hm"))]
+    assert [len(each.images) for each in observed] == [count, count]
+    assert all(image.startswith("data:image/png;base64,") for each in observed for image in each.images)
+    assert environment.step(LilgymAction(reply="STOP")).images == []
+
+
+@pytest.mark.parametrize("settings", [{"level": 99}, {"scene": "film"}, {"appearance": "mosaic"}, {"difficulty": 2}])
 def test_reset__with_invalid_settings_is_refused(url: str, settings: dict[str, object]):
     response = httpx.post(f"{url}/reset", json={"seed": 1, **settings}, timeout=60)
     assert response.status_code == 422

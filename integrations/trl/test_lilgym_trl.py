@@ -7,6 +7,7 @@ import subprocess
 import sys
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -16,6 +17,7 @@ from lilgym_trl import PlanEnvironment, stream, verified_reward
 from safetensors.torch import load_file
 from tokenizers import AddedToken, Tokenizer, models, pre_tokenizers
 
+from lilgym_mp.contrib.adapters.trl import with_tools
 from lilgym_mp.contrib.rlvr import expert_reply, rows
 
 SPECIAL = ("<|endoftext|>", "<|im_start|>", "<|im_end|>", "[UNK]")
@@ -51,7 +53,7 @@ def save_tiny_model(directory: Path, replies: tuple[str, ...]) -> list[int]:
 
 @pytest.mark.parametrize("turns", [False, True])
 def test_script__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: bool):
-    replies = tuple(CALL.format(name) for name in NAMES) if turns else tuple(f"{name}\n" for name in NAMES)
+    replies = tuple(CALL.format(name) for name in NAMES) if turns else tuple(f"{name}\nSTOP" for name in NAMES)
     suppressed = save_tiny_model(tmp_path, replies)
     options = {"num_generations": 16, "per_device_train_batch_size": 32, "learning_rate": 0.01, "report_to": "none"}
     options |= {"generation_kwargs": {"suppress_tokens": suppressed}, "max_tool_calling_iterations": 3}
@@ -73,8 +75,20 @@ def test_reward__of_right_wrong_and_odd_completions():
     data = json.dumps(row.to_json())
     right = [{"role": "assistant", "content": expert_reply(row)}]
     parts = [{"role": "assistant", "content": [{"type": "text", "text": expert_reply(row)}]}]
+    ended, cut = ([5, 2], [5, 5])
+    assert verified_reward([right, right], [data] * 2, completion_ids=[ended, cut], ends={2}) == [1, 0]
     odd = [[{"role": "assistant"}], [], "", expert_reply(row), parts]
     assert verified_reward([right, *odd], [data] * 6) == [1, 0, 0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(("vocabulary", "works"), [({"<|im_start|>": 1}, True), ({"hello": 1}, False)])
+def test_turns__need_a_chat_template_with_tools_or_chatml(vocabulary: dict[str, int], works: bool):
+    tokenizer = SimpleNamespace(chat_template="{{ messages }}", get_vocab=lambda: vocabulary)
+    if works:
+        assert "tools" in with_tools(tokenizer).chat_template
+    else:
+        with pytest.raises(SystemExit, match="--turns needs a chat template with tools"):
+            with_tools(tokenizer)
 
 
 def test_stream__has_pictures_and_prompts_for_turns():

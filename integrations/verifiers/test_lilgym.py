@@ -10,8 +10,9 @@ import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from lilgym import LilgymConfig, LilgymTaskset
+from lilgym import LilgymTaskset
 
+from lilgym_mp.contrib.adapters.verifiers import LilgymConfig
 from lilgym_mp.contrib.rlvr import Row, expert_reply
 
 LINE = (

@@ -81,7 +81,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
                     **measures,
                 }
                 results.append(result)
-                rows.append(_row(result))
+                rows.append(row_of(result))
                 progress.advance()
             changed = f", messages {args.messages}" if args.messages else ""
             tables.append(
@@ -177,7 +177,7 @@ def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
     return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
-def _row(result: Mapping[str, Any]) -> dict[str, str]:
+def row_of(result: Mapping[str, Any]) -> dict[str, str]:
     """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
     true, false = (

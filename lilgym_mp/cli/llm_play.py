@@ -21,6 +21,7 @@ from itertools import chain, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.cli import llm_play_game
 from lilgym_mp.cli.options import (
     RUNS,
     CommandError,
@@ -100,6 +101,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="play what is missing or failed in the run of --out")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_settings(parser)
+    llm_play_game.add_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -109,8 +111,10 @@ def run(args: argparse.Namespace) -> int:
     if os.getcwd() not in sys.path:  # for --agent module:Class
         sys.path.append(os.getcwd())
     check_at_least(args, 1, "episodes", "concurrency")
-    agent_options = _agent_options(args.option)
+    agent_options = read_agent_options(args.option)
     agent = make_agent(args.agent, agent_options)
+    if llm_play_game.is_asked(args):
+        return llm_play_game.run(args, agent, agent_options)
     player = Player(
         EnvConfig(**given_settings(args)),
         agent,
@@ -174,7 +178,7 @@ def _default_directory(
             before, episodes = {}, []  # another program's directory
         same = {name: value for name, value in settings.items() if name != "tasks_sha256"}
         if before and {name: before.get(name) for name in same} == same:
-            _check_settings(path, before, settings)
+            check_settings(path, before, settings)
             missing = set(chosen) - {episode.task for episode in episodes}
             if not missing and not args.resume:
                 raise CommandError(
@@ -194,7 +198,7 @@ def _settings(player: Player, args: argparse.Namespace, agent_options: Mapping[s
     return {
         **player.settings.to_json(),
         **{name: getattr(args, name) for name in names},
-        "option": {name: _public(name, value) for name, value in sorted(agent_options.items())},
+        "option": {name: public(name, value) for name, value in sorted(agent_options.items())},
         "tasks_sha256": player.settings.tasks(args.split).provenance.sha256,
         "legal_actions": player.legal_actions,
         "system": player.system,
@@ -260,11 +264,11 @@ def _write_transcripts(path: Path, results: Sequence[Episode | Failure]) -> None
 def _episodes_to_resume(out: Path, settings: Mapping[str, Any]) -> list[Episode]:
     """Raises CommandError naming what is missing or differs."""
     before, episodes = _stored(out)
-    _check_settings(out, before, settings)
+    check_settings(out, before, settings)
     return episodes
 
 
-def _check_settings(out: Path, before: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+def check_settings(out: Path, before: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
     """Raises CommandError naming the first setting that differs, with both values."""
     for name, value in settings.items():
         if before.get(name) != value:
@@ -285,7 +289,7 @@ def _stored(out: Path) -> tuple[dict[str, Any], list[Episode]]:
     return before, episodes
 
 
-def _agent_options(options: Sequence[str]) -> dict[str, Any]:
+def read_agent_options(options: Sequence[str]) -> dict[str, Any]:
     """The parsed --option: values are read as JSON if they are, "none" as null, otherwise as text.
 
     Raises CommandError, without showing values.
@@ -330,16 +334,16 @@ def _price(text: str) -> float:
     return price
 
 
-def _public(name: str, value: Any) -> Any:
+def public(name: str, value: Any) -> Any:
     """The value as it is stored: secrets within it as digests."""
     from lilgym_mp.contrib.llm.agents import is_secret, without_credentials
 
     if value is not None and is_secret(name, value):
         return _digest(value)
     if isinstance(value, dict):
-        return {key: _public(key, each) for key, each in value.items()}
+        return {key: public(key, each) for key, each in value.items()}
     if isinstance(value, list):
-        return [_public(name, each) for each in value]
+        return [public(name, each) for each in value]
     if isinstance(value, str) and "://" in value and (bare := without_credentials(value)) != value:
         return f"{bare} ({_digest(value)})"
     return value
@@ -350,17 +354,22 @@ def _digest(value: object) -> str:
 
 
 def _print_summary(summary: dict[str, Any]) -> None:
-    tokens = ""
-    if summary["prompt_tokens"] is not None and summary["completion_tokens"] is not None:
-        tokens = f"{summary['prompt_tokens']:,} tokens read, {summary['completion_tokens']:,} written, "
     interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success      {summary['success']:.1%} ({summary['successes']} of {summary['episodes']}; {interval})")
     print(f"progression  {summary['progression']:.3f} ± {summary['progression_deviation']:.3f}")
     print(f"reward       {summary['mean_reward']:+.2f} in {summary['mean_actions']:.1f} actions")
+    print(f"outcomes     {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
+    print_calls(summary)
+
+
+def print_calls(summary: Mapping[str, Any]) -> None:
+    """The answers and their cost, of `llm.summary.calls`."""
+    tokens = ""
+    if summary["prompt_tokens"] is not None and summary["completion_tokens"] is not None:
+        tokens = f"{summary['prompt_tokens']:,} tokens read, {summary['completion_tokens']:,} written, "
     problems = ", ".join(f"{number} {name}" for name, number in summary["problems"].items() if number)
     print(f"answers      {summary['answers']}, {summary['misunderstood']} of them without a valid action", end="")
     print(f" ({problems})" if problems else "")
-    print(f"outcomes     {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
     money = "" if summary["cost"] is None else f"{summary['cost']:.4g} at the given prices, "
     retried = f", {summary['failed_calls']} failed calls" if summary["failed_calls"] else ""
     print(f"cost         {tokens}{money}{summary['call_seconds']:.1f} seconds of calls, added up{retried}")

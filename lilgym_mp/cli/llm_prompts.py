@@ -19,7 +19,7 @@ from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--kind", required=True, metavar="KIND", help="plan, truth or program")
+    parser.add_argument("--kind", required=True, metavar="KIND", help="plan, truth, verify or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
     parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--scene",
         choices=["list", "image", "both"],
         default="list",
-        help='how plan and truth prompts show the scene; unless a list, rows have "messages", pictures in base64'
+        help='how all but program prompts show the scene; unless a list, rows have "messages", pictures in base64'
         " (default: %(default)s)",
     )
     parser.add_argument("--expert-answers", action="store_true", help='add the expert\'s reply as "answer"')

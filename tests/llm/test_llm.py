@@ -10,9 +10,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
+from tests.llm.server import chat, served
 
 TOWER = Settings("TowerFlipIt")
 
@@ -134,41 +134,6 @@ def test_summary__counts_answers_tokens_and_outcomes():
     assert summary["prompt_tokens"] == 10 * summary["answers"]
     assert sum(summary["outcomes"].values()) == 3
     assert summary["success_low"] <= summary["success"] <= summary["success_high"]
-
-
-@contextmanager
-def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """An OpenAI-compatible server on loopback; `reply` is called with the request and its number."""
-    requests: list[dict[str, Any]] = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            requests.append({"path": self.path, "key": self.headers.get("Authorization"), **body})
-            status, content = reply(body, len(requests))
-            data = content if isinstance(content, bytes) else json.dumps(content).encode()
-            self.send_response(status)
-            self.send_header("Content-Type", "application/json")
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, format: str, *args: Any) -> None: ...
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/v1", requests
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-
-def chat(text: str) -> dict[str, Any]:
-    usage = {"prompt_tokens": 7, "completion_tokens": 3}
-    return {"choices": [{"message": {"role": "assistant", "content": text}}], "usage": usage}
 
 
 def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):

@@ -84,17 +84,29 @@ def test_splits__share_no_meaning_and_statements_are_not_repeated():
     assert len({(row.task.statement, row.task.program) for row in train}) == len(train)
 
 
-def test_truth_rows__come_in_pairs_one_edit_apart():
+@pytest.mark.parametrize("kind", ["truth", "verify"])
+def test_truth_rows__come_in_pairs_one_edit_apart(kind: str):
     dynamics = make_dynamics(make_appearance("tower"))
     edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
 
     def edited(task: Task) -> list[Scene]:
         return [dynamics.step(dynamics.start(task), edit).state.scene for edit in edits]
 
-    for one, other in zip(*[iter(some("truth"))] * 2, strict=True):
+    for one, other in zip(*[iter(some(kind))] * 2, strict=True):
         assert one.task.statement == other.task.statement
         assert one.task.truth(one.task.start) != other.task.truth(other.task.start)
         assert other.task.start in edited(one.task) or one.task.start in edited(other.task)
+
+
+def test_verify_rows__ask_whether_a_claim_about_the_target_is_true():
+    targets = set[bool]()
+    for row in islice(rows("verify", level=1, seed=2), 20):
+        targets.add(row.task.target)
+        holds = row.task.truth(row.task.start) == row.task.target
+        assert f"Claim: the statement is {str(row.task.target).lower()}." in row.prompt
+        assert score(str(holds), row).outcome == "success"
+        assert score(str(not holds), row).outcome == "wrong"
+    assert targets == {True, False}
 
 
 def test_rows__end_a_search_after_the_given_time():
@@ -357,7 +369,7 @@ def test_messages__have_a_picture_where_one_was_asked_for():
     assert message["content"][1]["text"] != PLAN.prompt
     assert messages_of(PLAN) == [{"role": "user", "content": PLAN.prompt}]
     assert [len(images_of(replace(PLAN, kind=kind))) for kind in ("plan", "truth", "program")] == [1, 1, 0]
-    with pytest.raises(ValueError, match="a program row has no picture to show; choose from plan, truth rows"):
+    with pytest.raises(ValueError, match="a program row has no picture to show; choose from plan, truth, verify rows"):
         messages_of(replace(PLAN, kind="program"), "image")
 
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.pool import ThreadPool
-from typing import Any
 
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Message, described
+from lilgym_mp.contrib.llm.agents import AgentError, LanguageAgent, Message
+from lilgym_mp.contrib.llm.asking import Asking, call
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
-from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, answer_text
+from lilgym_mp.wrappers.replies import THOUGHTS
 from lilgym_mp.wrappers.text import IMAGES, content_of
 
 
@@ -46,8 +45,7 @@ class Player:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the invalid setting."""
-        if self.retries < 0 or self.history < 0:
-            raise ValueError(f"retries and history must be 0 or more, not {self.retries} and {self.history}")
+        Asking(self.agent, self.retries, self.history)
         env = self.settings.make(self.split)
         self.env = TextObservation(
             env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
@@ -65,7 +63,7 @@ class Player:
         start = self._state()
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
         if (begin := getattr(self.agent, "begin", None)) is not None:
-            _call(begin, self.env, seed)
+            call(begin, self.env, seed)
         turns: list[Turn] = []
         actions: list[str] = []
         total, ended, outcome = 0.0, False, ""
@@ -99,34 +97,12 @@ class Player:
 
     def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int | None:
         """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`. None if no answer names one."""
-        for attempt in range(self.retries + 1):
-            start = time.perf_counter()
-            answer = _answer(_call(self.agent.answer, self._recent(messages)))
-            seconds = time.perf_counter() - start
-            parsed = self.env.parse_action(answer.text)
-            problem = answer.problem or (None if parsed.understood else NOT_UNDERSTOOD)
-            name = describe(self.dynamics.appearance.decode(parsed.action)) if problem is None else None
-            turns.append(Turn(answer.text, problem is None, name, round(seconds, 6), *answer[1:-1], problem))
-            said = (answer_text(answer.text, self.thoughts) or "").strip()
-            if said:
-                messages.append({"role": "assistant", "content": said})
-            if problem is None:
-                return parsed.action
-            if attempt == self.retries:
-                break
-            if said:
-                messages.append({"role": "user", "content": ASK_AGAIN})
-            elif attempt == 0:  # an empty message is refused by many servers, as are two of the user in a row
-                messages[-1] = _extended(messages[-1], f"\n\n{ASK_AGAIN}")
-        return None
+        asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
+        return asking.choose(messages, turns, self._named)
 
-    def _recent(self, messages: Sequence[Message]) -> list[Message]:
-        """The rules, and the last 1 + `history` user messages with the answers in between."""
-        user = [index for index, message in enumerate(messages) if message["role"] == "user"]
-        first = user[max(0, len(user) - 1 - self.history)]
-        if self.system:
-            return [messages[0], *messages[first:]]
-        return [_extended(messages[first], f"{messages[0]['content']}\n\n", before=True), *messages[first + 1 :]]
+    def _named(self, reply: str) -> tuple[str, int] | None:
+        parsed = self.env.parse_action(reply)
+        return (describe(self.dynamics.appearance.decode(parsed.action)), parsed.action) if parsed.understood else None
 
 
 def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) -> Iterator[Episode | Failure]:
@@ -146,35 +122,3 @@ def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) 
 
     with ThreadPool(max(1, min(concurrency, len(jobs)))) as pool:  # its threads end after their current episode
         yield from pool.imap_unordered(play, jobs)
-
-
-def _extended(message: Message, text: str, *, before: bool = False) -> Message:
-    """The message with more text in its last part."""
-    parts = message["content"]
-    if isinstance(parts, str):
-        return {**message, "content": text + parts if before else parts + text}
-    last = {"type": "text", "text": text + parts[-1]["text"] if before else parts[-1]["text"] + text}
-    return {**message, "content": [*parts[:-1], last]}
-
-
-def _call(method: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of an agent's method; its exceptions become AgentErrors."""
-    try:
-        return method(*arguments)
-    except AgentError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise AgentError(f"the agent raised {described(error)}") from error
-
-
-def _answer(reply: object) -> Answer:
-    """An agent's reply, with text that can be written to files. Raises AgentError for another type."""
-    answer = Answer(reply) if isinstance(reply, str) else reply
-    if not isinstance(answer, Answer) or not isinstance(answer.text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise AgentError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
-    reasoning = None if answer.reasoning is None else _writable(answer.reasoning)
-    return answer._replace(text=_writable(answer.text), reasoning=reasoning)
-
-
-def _writable(text: str) -> str:
-    return text.encode(errors="replace").decode()

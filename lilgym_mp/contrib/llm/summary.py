@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lilgym_mp.contrib.llm.agents import Message
+from lilgym_mp.contrib.llm.agents import Answer, Message
 from lilgym_mp.contrib.report.aggregation import resampled_means
 from lilgym_mp.envs.resampling import percentile_interval
 from lilgym_mp.envs.rules import State
@@ -34,6 +34,12 @@ class Turn:
     reasoning: str | None = None  # what the server sent apart from the answer
     retries: int = 0  # failed calls before the answer
     problem: str | None = None  # why no action was taken: one of PROBLEMS
+
+    @property
+    def said(self) -> Answer:
+        """The agent's answer, with the problem only if the server named it."""
+        problem = None if self.problem == NOT_UNDERSTOOD else self.problem
+        return Answer(self.answer, self.prompt_tokens, self.completion_tokens, self.reasoning, self.retries, problem)
 
 
 @dataclass(frozen=True)
@@ -124,10 +130,6 @@ def summarise(
     deviation = statistics.stdev(progressions) if count > 1 else 0.0
     turns = [turn for episode in episodes for turn in episode.turns]
     outcomes = [episode.outcome for episode in episodes]
-    read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
-    cost = None
-    if prices is not None and read is not None and written is not None:
-        cost = (read * prices[0] + written * prices[1]) / 1e6
     return {
         "episodes": count,
         "successes": successes,
@@ -139,14 +141,25 @@ def summarise(
         "progression_deviation": deviation / math.sqrt(count),  # standard error of the mean
         "mean_reward": statistics.fmean(episode.reward for episode in episodes),
         "mean_actions": statistics.fmean(len(episode.actions) for episode in episodes),
+        "outcomes": {outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
+        "failed_episodes": failed_episodes,
+        **calls(turns, failed_episodes, prices),
+    }
+
+
+def calls(turns: Sequence[Turn], failed_episodes: int, prices: tuple[float, float] | None) -> dict[str, Any]:
+    """What an agent's answers were and cost, by name as in `summary.json`."""
+    read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
+    cost = None
+    if prices is not None and read is not None and written is not None:
+        cost = (read * prices[0] + written * prices[1]) / 1e6
+    return {
         "answers": len(turns),
         "misunderstood": sum(not turn.understood for turn in turns),  # answers that named no action, of all problems
         "problems": {name: sum(turn.problem == name for turn in turns) for name in PROBLEMS},  # answers by problem
         "call_seconds": sum(turn.seconds for turn in turns),  # added up, also of calls at the same time
         "prompt_tokens": read,
         "completion_tokens": written,
-        "outcomes": {outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
-        "failed_episodes": failed_episodes,
         "failed_calls": sum(turn.retries for turn in turns) + failed_episodes,  # before an answer, or a failure
         "cost": cost,  # of all tokens, in the currency of the prices
     }

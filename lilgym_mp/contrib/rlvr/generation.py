@@ -162,6 +162,17 @@ def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     return variants
 
 
+def _claims(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+    """The scenes of `_truths`, with one drawn target for both: the claim to have reached it holds in one of them."""
+    truths = _truths(appearance, lengths, rng)
+
+    def variants(program: str) -> Iterator[_Variant]:
+        target = rng.random() < 0.5
+        yield from ((target, scene, None) for _, scene, _ in truths(program))
+
+    return variants
+
+
 def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     """Programs against which others can be checked."""
     return lambda program: iter([(True, Scene.empty(), None)] if is_checkable(program, appearance) else [])
@@ -170,5 +181,6 @@ def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
 _VARIANTS: Mapping[str, Callable[[str, range, random.Random], _Variants]] = {
     "plan": _plans,
     "truth": _truths,
+    "verify": _claims,
     "program": _programs,
 }

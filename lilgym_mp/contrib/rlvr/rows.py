@@ -27,7 +27,7 @@ from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, shown_lin
 
 FORMAT = "lilgym_mp row 2"
 BUDGET_SHARE = 100  # the solver examines at most a hundredth of its usual number of scenes
-WITH_PICTURE = ("plan", "truth")  # kinds
+WITH_PICTURE = ("plan", "truth", "verify")  # kinds
 PICTURE = "A picture has three boxes with items in them."
 ANSWER_LAST = 'You may think before; a thought in "<think>...</think>" is not read.'
 SYNTAX = (
@@ -48,6 +48,7 @@ class Row:
     """One task for a language model.
 
     plan: make `task.statement` have the value `task.target` from `task.start`. truth: its value in `task.start`.
+    verify: whether the claim is true that it has the value `task.target` in `task.start`.
     program: a program with its meaning.
     """
 
@@ -126,6 +127,8 @@ def expert_reply(row: Row) -> str:
     """A right reply."""
     if row.kind == "truth":
         return str(row.task.truth(row.task.start)).lower()
+    if row.kind == "verify":
+        return str(row.task.solved_by(row.task.start)).lower()
     if row.kind == "program":
         return row.task.program
     solver = solver_of(row.appearance)
@@ -180,6 +183,18 @@ def _truth_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield from shown_lines(task.start, dynamics.appearance, scene)
 
 
+def _claim_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
+    wanted = str(task.target).lower()
+    yield (
+        f"{PICTURE} Someone was to make a statement about it {wanted}, has edited the picture, and claims that it now"
+        " is. Is the claim true?"
+    )
+    yield f"Answer with true, if the claim is true, or false, on a line of its own. {ANSWER_LAST}"
+    yield f"Statement: {task.statement}"
+    yield f"Claim: the statement is {wanted}."
+    yield from shown_lines(task.start, dynamics.appearance, scene)
+
+
 def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield f"{PICTURE} You are told a statement about pictures. Write a program with its meaning."
     yield SYNTAX
@@ -191,6 +206,7 @@ def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
 _PROMPTS: Mapping[str, Callable[[Dynamics, Task, str], Iterator[str]]] = {  # lines of the prompt, with a scene's style
     "plan": _plan_lines,
     "truth": _truth_lines,
+    "verify": _claim_lines,
     "program": _program_lines,
 }
 KINDS = tuple(_PROMPTS)

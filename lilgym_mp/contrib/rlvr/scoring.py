@@ -74,6 +74,11 @@ def _check_truth(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str,
     return SUCCESS if answer == row.task.truth(row.task.start) else WRONG, {"answer": answer}
 
 
+def _check_claim(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
+    answer = read_truth(reply, thoughts=thoughts)
+    return SUCCESS if answer == row.task.solved_by(row.task.start) else WRONG, {"answer": answer}
+
+
 def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
     program = read_program(reply, thoughts=thoughts)
     expected = checked_truths(row.task.program, row.appearance)
@@ -91,6 +96,7 @@ def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[st
 _CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[str, dict[str, Any]]]] = {
     "plan": _check_plan,
     "truth": _check_truth,
+    "verify": _check_claim,
     "program": _check_program,
 }
 

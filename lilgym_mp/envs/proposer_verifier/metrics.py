@@ -30,7 +30,7 @@ class GameRecord(NamedTuple):
     task: str
     statement: str
     target: bool
-    outcome: Outcome
+    outcome: Outcome | str  # a text of its own where a partner ended the game without an action
     rounds: int
     returns: tuple[float, float]  # indexed by role
     judgements: tuple[Judgement, ...]
@@ -71,6 +71,7 @@ def play_games(
 
     `env`: a PettingZoo environment of the game, for its settings and tasks; its current game and its wrappers do not
     matter. Games are played in batches, but each has its own random generator, so records do not depend on other games.
+    A game that a partner ends (`BatchTurn.endings`) has that outcome, and both get the reward of an illegal action.
     Raises PartnerError for illegal actions.
     """
     game_env = getattr(env, "unwrapped", env)
@@ -97,6 +98,14 @@ def _play_batch(
     returns, judgements = np.zeros((len(Role), count)), [list[Judgement]() for _ in rngs]
     records: dict[int, GameRecord] = {}
     active = np.ones(count, np.bool_)
+    illegal = game.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
+
+    def record(index: int, outcome: Outcome | str) -> None:
+        task = game.tasks[int(tasks[index])]
+        earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
+        judged = tuple(judgements[index])
+        records[index] = GameRecord(task.id, task.statement, task.target, outcome, rounds, earned, judged)
+
     while active.any():
         actions = np.zeros((len(Role), count), np.int64)
         for role, partner in zip(Role, partners, strict=True):
@@ -104,6 +113,10 @@ def _play_batch(
             if len(moving):
                 turn = BatchTurn(games, role, moving, numbers[moving], [rngs[index] for index in moving.tolist()])
                 actions[role, moving] = batch_actions(partner, turn)
+                for index, ending in turn.endings.items():
+                    active[index] = False
+                    returns[:, index] += illegal
+                    record(index, ending)
         games.step(*actions)
         returns += games.rewards * active
         for index in np.flatnonzero(active & (games.verdicts != NO_CHOICE)).tolist():
@@ -112,12 +125,9 @@ def _play_batch(
             judgements[index].append(judgement)
         over = games.terminated | games.truncated
         for index in np.flatnonzero(active & over).tolist():
-            task, outcome = game.tasks[int(tasks[index])], games.last_outcome(index)
+            outcome = games.last_outcome(index)
             assert outcome is not None
-            earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
-            records[index] = GameRecord(
-                task.id, task.statement, task.target, outcome, rounds, earned, tuple(judgements[index])
-            )
+            record(index, outcome)
         active &= ~over
         if over.any():
             ended = np.flatnonzero(over)

@@ -8,7 +8,7 @@ nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, SupportsIndex
 
@@ -87,6 +87,7 @@ class BatchTurn:
     indices: Int64Array  # (k,) of the games in the batch
     episodes: Int64Array  # (k,) a number for each game, never used again: for partners that keep a plan
     rngs: Sequence[np.random.Generator]  # (k,) each game's own
+    endings: dict[int, str] = field(default_factory=dict[int, str])  # outcomes, by index, of games that a partner ends
 
     @classmethod
     def of(cls, turn: PartnerTurn) -> BatchTurn:

@@ -1,0 +1,198 @@
+"""A language model in the seats of the proposer-verifier game."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lilgym_mp.cli import main
+from lilgym_mp.contrib.llm.agents import Answer, Message
+from lilgym_mp.contrib.llm.asking import Asking
+from lilgym_mp.contrib.llm.game_player import LanguagePartner
+from lilgym_mp.contrib.llm.game_text import Said, read_reply
+from lilgym_mp.envs.proposer_verifier import GameSettings, Role, play_games
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
+from lilgym_mp.wrappers.replies import THOUGHTS
+from tests.llm.server import chat, served
+
+GUIDED = GameSettings("TowerScratch", protocol="critique", views="guide")
+
+
+class Replies:
+    """Gives the answers of a function of the last message."""
+
+    def __init__(self, answer: Callable[[str], str | Answer]) -> None:
+        self._answer = answer
+
+    def answer(self, messages: Sequence[Message]) -> Answer | str:
+        return self._answer(messages[-1]["content"])
+
+
+def last_message(text: str) -> str:
+    return re.findall(r"Message of the verifier: (.*)", text)[-1]
+
+
+def seat(role: Role, answer: Callable[[str], str | Answer], **options: Any) -> LanguagePartner:
+    return LanguagePartner(Asking(Replies(answer)), role, **options)
+
+
+@pytest.mark.parametrize(
+    ("role", "reply", "said"),
+    [
+        (Role.VERIFIER, "accept", Said(1)),
+        (Role.VERIFIER, "<think>reject</think>\n**Accept.**", Said(1)),
+        (Role.VERIFIER, "I would reject or accept.", None),
+        (Role.VERIFIER, "accept\nreject", None),
+        (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)", Said(0, 3)),
+        (Role.VERIFIER, "reject\nMessage: STOP", Said(0, 13)),
+        (Role.VERIFIER, "reject\nMessage: DANCE", None),
+        (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)\nMessage: STOP", None),
+        (Role.VERIFIER, "reject\nNote: build it a little higher", Said(0, 0, "build it a")),
+        (Role.PROPOSER, "ADD(LEFT, BLUE)", Said(3)),
+        (Role.PROPOSER, "Note: hi\nSTOP", Said(0, 0, "hi")),
+        (Role.PROPOSER, "accept", None),
+    ],
+)
+def test_reply__is_read_as_a_choice_a_message_and_a_note(role: Role, reply: str, said: Said | None):
+    game = Game(GUIDED)
+    assert read_reply(reply, game, role, np.ones(13, np.bool_), words=3, thoughts=THOUGHTS) == said
+
+
+def test_builder__does_what_it_is_told_in_words_and_sees_no_statement():
+    env = BaseGameEnv(**vars(GUIDED))
+    first = "REMOVE(LEFT)"
+    texts: list[str] = []
+
+    def answer(text: str) -> str:
+        texts.append(text)
+        told = last_message(text)
+        legal = re.findall(r"\d+ (.*\))", text)
+        return next(iter(legal), first) if told == "none" else told
+
+    builder = seat(Role.PROPOSER, answer)
+    tasks = env.tasks.ids[:12]
+    records = play_games(env, builder, scripted_verifiers(env.dynamics)["guide"], tasks=tasks)
+    assert [str(record.outcome) for record in records] == ["success"] * 12
+    assert not any("Statement:" in text or "to be" in text for text in texts)
+    assert "follow what it tells you" in builder.messages[tasks[0]][0]["content"]
+
+
+def test_note__of_the_verifier_reaches_the_proposer_within_its_words():
+    env = BaseGameEnv("TowerScratch", protocol="veto", views="guide")
+    heard: list[str] = []
+
+    def proposes(text: str) -> str:
+        heard.extend(re.findall("Note of the verifier: (.*)", text))
+        return re.findall(r"\d+ (.*\))", text)[0]
+
+    notes: dict[int, str] = {}
+    players = [
+        seat(Role.PROPOSER, proposes, words=2, notes=notes),
+        seat(Role.VERIFIER, lambda text: "reject\nNote: a blue one", words=2, notes=notes),
+    ]
+    play_games(env, *players, tasks=env.tasks.ids[:1])
+    assert set(heard) == {"a blue"}
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome"),
+    [
+        (Answer("STOP", problem="cut"), "cut"),
+        (Answer("STOP", problem="filtered"), "filtered"),
+        ("Let me STOP and think.", "not_understood"),
+        ("REMOVE(LEFT)", "invalid_action"),
+    ],
+)
+def test_game__that_a_model_does_not_answer_ends_so_and_is_no_success(answer: str | Answer, outcome: str):
+    env = BaseGameEnv("TowerScratch", protocol="audit")
+    partner = scripted_verifiers(env.dynamics)["always-accept"]
+    (record,) = play_games(env, seat(Role.PROPOSER, lambda text: answer), partner, tasks=env.tasks.ids[:1])
+    assert (record.outcome, record.judgements) == (outcome, ())
+    assert record.returns == (-1.0, -1.0)
+
+
+@pytest.mark.parametrize(("protocol", "answer"), [("veto", "accept"), ("audit", "holds"), ("joint", "stop")])
+def test_claims__are_judged_exactly(protocol: str, answer: str):
+    env = BaseGameEnv("TowerFlipIt", protocol=protocol)
+    proposer = scripted_proposers(env.dynamics)["expert-deceptive"]
+    records = play_games(env, proposer, seat(Role.VERIFIER, lambda text: answer), tasks=env.tasks.ids[:6])
+    finals = [record.judgements[-1] for record in records]
+    assert [judged.accepted for judged in finals] == [True] * 6
+    assert [record.outcome == "success" for record in records] == [judged.holds for judged in finals]
+    assert not all(judged.holds for judged in finals)
+
+
+def command(out: Path, url: str, *more: str) -> list[str]:
+    url = url.replace("//", "//user:SECRET@")
+    words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --episodes 3 --out {out}"
+    return [*words.split(), "--protocol", "veto", *more]
+
+
+def by_role(body: dict[str, Any], number: int) -> tuple[int, Any]:
+    return 200, chat("reject" if "You are the verifier" in body["messages"][0]["content"] else "STOP")
+
+
+def test_command__cross_plays_the_model_with_scripted_partners_and_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with served(by_role) as (url, _):
+        assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0
+    shown = capsys.readouterr().out
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    pairs = {(each["proposer"], each["verifier"]) for each in summary["results"]}
+    model = "openai m"
+    assert {(model, model), (model, "oracle"), (model, "ppo-tower"), ("expert", model), ("ppo-tower", model)} <= pairs
+    assert {("random", "oracle"), ("expert", "random")} <= pairs
+    assert "lies accepted" in shown
+    first = json.loads((tmp_path / "transcripts.jsonl").read_text().splitlines()[0])
+    assert set(first["messages"]) == {"proposer", "verifier"}
+    assert all("SECRET" not in path.read_text() for path in tmp_path.iterdir())
+
+
+def test_command__continues_without_paying_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    down = [3]
+    with served(lambda body, number: (400, {"error": "busy"}) if number in down else by_role(body, number)) as (
+        url,
+        asked,
+    ):
+        arguments = command(tmp_path, url, "--role", "verifier", "--partner", "expert", "--concurrency", "1")
+        assert main(arguments) == 0
+        assert "1 games, not in the rates" in capsys.readouterr().out
+        down.clear()
+        before = len(asked)
+        whole = json.loads((tmp_path / "summary.json").read_text())
+        assert main(arguments) == 0
+        assert f"{before - 1} answers are there" in capsys.readouterr().out
+        summary = json.loads((tmp_path / "summary.json").read_text())
+        assert summary["results"][0]["games"] == 3 == whole["results"][0]["games"] + 1
+        assert len(asked) == summary["answers"] + 1
+        assert main(arguments) == 2
+        assert "has this run" in capsys.readouterr().err
+        assert main([*arguments, "--seed", "5"]) == 2
+        assert "was played with seed 0, not 5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "error"),
+    [
+        ("--role verifier", "--role is for the two-agent game"),
+        ("--protocol veto --role proposer --partner expert", "unknown partner as verifier 'expert'; choose from"),
+        ("--protocol veto --partner nobody", "no partner 'nobody'; choose a run, from expert"),
+        ("--protocol duel", "choose from veto"),
+    ],
+)
+def test_command__wrong_options_are_one_line(more: str, error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with served(by_role) as (url, _):
+        words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --out {tmp_path / 'run'} {more}"
+        assert main(words.split()) == 2
+    told = capsys.readouterr().err
+    assert error in told
+    assert "Traceback" not in told
