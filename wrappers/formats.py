@@ -227,6 +227,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
 
     @property
     def vocabulary(self) -> Vocabulary:
+        """The words that token ids stand for."""
         return self.transformation.arrays.vocabulary
 
 

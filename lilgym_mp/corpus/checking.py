@@ -36,6 +36,7 @@ class CorpusReport:
 
     @property
     def ok(self) -> bool:
+        """Whether the corpus has no faults."""
         return not self.faults
 
     def __str__(self) -> str:

@@ -78,6 +78,7 @@ class Vocabulary:
         return FIRST_WORD + len(self.words)
 
     def token_id(self, word: str) -> int:
+        """The id of a word, or UNKNOWN."""
         return self._ids.get(word, UNKNOWN)
 
     def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:

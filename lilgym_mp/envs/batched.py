@@ -49,6 +49,7 @@ class ResultTable(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics) -> ResultTable:
+        """The table of all step results of the dynamics, in its order; a last row stands for no result."""
         rows = [
             (one.reward, one.terminated, one.truncated, str(one.outcome) if one.ends else None, one.outcome)
             for one in dynamics.step_results

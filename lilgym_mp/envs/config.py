@@ -111,10 +111,12 @@ class EnvConfig:
 
     @property
     def appearance(self) -> str:
+        """Name of the appearance, the first part of the configuration's name."""
         return read_configuration(self.configuration)[0]
 
     @property
     def start(self) -> str:
+        """How episodes start, the second part of the configuration's name."""
         return read_configuration(self.configuration)[1]
 
     @property
@@ -165,6 +167,7 @@ class EnvConfig:
         return words
 
     def to_json(self) -> dict[str, Any]:
+        """All values in types of JSON; `EnvConfig(**values)` gives the same settings."""
         values = {"configuration": self.configuration, **self.values()}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 

@@ -148,10 +148,12 @@ class Transition(NamedTuple):
 
     @property
     def outcome(self) -> Outcome:
+        """How the step ended or went on."""
         return self.result.outcome
 
     @property
     def reward(self) -> float:
+        """Reward of the step."""
         return self.result.reward
 
 
@@ -179,6 +181,7 @@ class Dynamics:
         object.__setattr__(self, "_of_edit", edits)
 
     def start(self, task: Task) -> State:
+        """The state in which the task's episode starts."""
         return new_tuple(State, (task, task.start, 0))
 
     def step(self, state: State, action: Action) -> Transition:

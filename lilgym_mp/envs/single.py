@@ -176,10 +176,12 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     @property
     def scene(self) -> Scene:
+        """The current scene."""
         return self.state.scene
 
     @property
     def task(self) -> Task:
+        """The task of the episode in progress."""
         return self.state.task
 
     @property

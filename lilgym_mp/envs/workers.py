@@ -75,6 +75,7 @@ class Channel:
         self._file = os.fdopen(reader.fileno(), "rb", closefd=False)
 
     def send(self, message: object) -> None:
+        """Pickles a message and writes all of it; waits while the pipe is full."""
         # 5 us for a small message with `receive`; 9 us by send and recv of Connection, 17 us by those of a socket pair.
         _, writer = self._pipes
         data = pickle.dumps(message)
@@ -93,6 +94,7 @@ class Channel:
         return pickle.load(self._file)
 
     def close(self) -> None:
+        """Closes all ends of the pipes that this process has."""
         for pipe in self._pipes:
             pipe.close()
 
@@ -115,6 +117,7 @@ class Slice:
         return Buffers(**arrays), pages
 
     def engine(self) -> Engine:
+        """The engine of the worker's environments, on its part of the shared buffers."""
         buffers, _ = self.memory()
         return Engine(self.settings, buffers.slice(self.part.start, self.part.stop), self.part.start)
 

@@ -57,6 +57,7 @@ class Episode:
 
     @property
     def is_success(self) -> bool:
+        """Whether the agent stopped in a goal scene."""
         return self.outcome == "success"
 
     @property
@@ -70,6 +71,7 @@ class Episode:
         return None if self.optimal_actions is None else self.optimal_actions - 1
 
     def to_json(self) -> dict[str, Any]:
+        """A line of a file of episodes; actions are texts."""
         decisions = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
         return {
             **vars(self),

@@ -37,6 +37,7 @@ class SuccessCount:
 
     @classmethod
     def of(cls, episodes: Collection[Episode]) -> SuccessCount:
+        """Counts episodes and successes."""
         return cls(len(episodes), sum(episode.is_success for episode in episodes))
 
 
@@ -52,6 +53,7 @@ class Summary:
 
     @property
     def accuracy(self) -> float:
+        """The share of episodes that ended in success."""
         return self.outcomes["success"]
 
 
@@ -122,6 +124,7 @@ class Result:
 
     @property
     def name(self) -> str:
+        """Name of the policy in tables."""
         return self.named.name
 
     def to_json(self) -> dict[str, Any]:

@@ -18,7 +18,8 @@ _KEYS: Mapping[str, type] = {"id": str, "statement": str, "program": str, "targe
 class Goal(Protocol):
     """The scenes in which STOP succeeds."""
 
-    def reached_in(self, scene: Scene) -> bool: ...
+    def reached_in(self, scene: Scene) -> bool:
+        """Whether stopping in the scene succeeds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,7 @@ class Task:
 
     @property
     def goal(self) -> Goal:
+        """What stopping must reach: the goal of another kind, or else the program's truth."""
         return self.other_goal or ProgramGoal(((self.program, self.target),))
 
     def to_json(self) -> dict[str, object]:

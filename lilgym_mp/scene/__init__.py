@@ -30,18 +30,24 @@ class SceneError(ValueError):
 
 
 class Shape(IntEnum):
+    """The value orders item types."""
+
     CIRCLE = 0
     SQUARE = 1
     TRIANGLE = 2
 
 
 class Colour(IntEnum):
+    """The value orders item types and indexes palettes."""
+
     YELLOW = 0
     BLACK = 1
     BLUE = 2
 
 
 class Size(IntEnum):
+    """The value is the second part of a footprint's index, after the shape."""
+
     SMALL = 0
     MEDIUM = 1
     LARGE = 2
@@ -98,6 +104,7 @@ class Item(NamedTuple):
         return SIZE_PIXELS[self[4]]
 
     def to_json(self) -> dict[str, int | str]:
+        """The item in the release's format; `x_loc`, `y_loc` and `size` in pixels."""
         return {
             "x_loc": self.x,
             "y_loc": self.y,
@@ -176,9 +183,11 @@ class Box(_Frozen):
         _set_memo(self, {})
 
     def with_item(self, item: Item) -> Box:
+        """The box with an item added as the last."""
         return Box((*self.items, item))
 
     def without(self, index: int) -> Box:
+        """The box without the item at an index."""
         return Box(self.items[:index] + self.items[index + 1 :])
 
 
@@ -198,6 +207,7 @@ class Scene(_Frozen):
 
     @classmethod
     def empty(cls) -> Scene:
+        """Three boxes without items."""
         return cls((Box(), Box(), Box()))
 
     @classmethod
@@ -219,6 +229,7 @@ class Scene(_Frozen):
             yield from box.items
 
     def with_box(self, index: int, box: Box) -> Scene:
+        """The scene with another box at an index, 0 for the left one."""
         left, middle, right = self.boxes
         if index == 0:
             return Scene((box, middle, right))

@@ -30,6 +30,7 @@ class Solution:
 
     @property
     def solved(self) -> bool:
+        """Whether a plan was found."""
         return self.status is Status.SOLVED
 
     @property
@@ -53,14 +54,17 @@ class ActionSet:
 
 
 def solved(actions: tuple[Action, ...], least_edits: int, budget: Budget) -> Solution:
+    """The solution with a shortest plan."""
     return Solution(Status.SOLVED, actions, least_edits, budget.spent)
 
 
 def unsolvable(reason: str, least_edits: int, budget: Budget) -> Solution:
+    """The solution that proves that there is no plan, and why."""
     return Solution(Status.UNSOLVABLE, (), least_edits, budget.spent, reason)
 
 
 def not_found(least_edits: int, budget: Budget, reason: str = "") -> Solution:
+    """The solution of a search that gave up; `least_edits` is what it proved so far."""
     reason = reason or f"nothing found in {budget.spent:,} scenes; a larger budget may help"
     return Solution(Status.NOT_FOUND, (), least_edits, budget.spent, reason)
 

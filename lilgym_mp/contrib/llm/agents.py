@@ -48,10 +48,12 @@ class ExpertAgent:
     """The next action of a shortest solution, found with the program."""
 
     def begin(self, env: TextObservation, seed: int) -> None:
+        """Makes an expert for the episode that `env` has just begun."""
         self._appearance = env.get_wrapper_attr("dynamics").appearance
         self._expert = Expert(env)
 
     def answer(self, messages: Sequence[Message]) -> str:
+        """The text of the expert's next action; it does not read the messages."""
         return describe(self._appearance.decode(self._expert.act()))
 
 

@@ -52,6 +52,7 @@ class Episode:
 
     @property
     def is_success(self) -> bool:
+        """Whether the episode ended by stopping in a goal scene."""
         return self.outcome == "success"
 
     @classmethod

@@ -63,6 +63,7 @@ class TransformersAgent:
         self._lock = threading.Lock()
 
     def answer(self, messages: Sequence[Message]) -> Answer:
+        """The model's reply, generated together with requests of other threads that wait at the same time."""
         future = Future[Answer]()
         self._waiting.append((messages, future))
         while not future.done():

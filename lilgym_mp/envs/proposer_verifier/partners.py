@@ -42,6 +42,7 @@ class PartnerTurn:
 
     @property
     def game(self) -> Game:
+        """The rules of the game being played."""
         return self.games.game
 
     @property
@@ -61,6 +62,7 @@ class PartnerTurn:
 
     @property
     def action_mask(self) -> Int8Array:
+        """(actions,) legal actions as 1, others as 0."""
         return self.full_observation[MASK]
 
     def __getitem__(self, key: str) -> Any:
@@ -97,10 +99,12 @@ class BatchTurn:
 
     @property
     def tasks(self) -> TaskSet:
+        """The tasks that the games are drawn from."""
         return self.games.game.tasks
 
     @property
     def game(self) -> Game:
+        """The rules of the games being played."""
         return self.games.game
 
     @cached_property
@@ -211,6 +215,7 @@ class RandomPartner:
         return turn.random_action()
 
     def batch(self, turn: BatchTurn) -> Int64Array:
+        """Legal actions drawn uniformly, one for each game of the turn."""
         return turn.random_actions()
 
 

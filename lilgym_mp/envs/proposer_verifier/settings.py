@@ -144,6 +144,7 @@ class GameSettings(EnvConfig):
             checked_flag(name, getattr(self, name))
 
     def views_by_role(self) -> tuple[View, View]:
+        """The views of the proposer and of the verifier."""
         if self.views == GUIDE:
             return View(statement="none", target=False), View()
         return _by_role(self.views, _make_view)

@@ -53,6 +53,7 @@ class RewardModelProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Labelled stops, loss and accuracies, for the line in the terminal."""
         held_out = self.held_out_accuracy
         known = "" if held_out is None else f", held out {100 * held_out:.1f} %"
         return f"{self.stops:,} stops, loss {self.loss:.2f}, truth {100 * self.accuracy:.1f} %{known}"

@@ -124,6 +124,7 @@ class Palette(NamedTuple):
 
 @cache
 def palette(shrink: int) -> Palette:
+    """Weights that make counts of painted pixels a code, and the colour of a shrunken pixel per code."""
     base = shrink**2 + 1  # a block has 0 to shrink**2 pixels of each colour
     weights = {colour: base**colour for colour in Colour}
     codes = np.arange(shrink**2 * max(weights.values()) + 1, dtype=np.int64)[:, None]
@@ -136,6 +137,7 @@ def palette(shrink: int) -> Palette:
 
 @cache
 def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
+    """The shrunken drawing of an item; `odd_x` and `odd_y` are the offsets of its corner from even pixels."""
     side = FOOTPRINT_SIDES[footprint]
     width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
     drawn = np.zeros((height, width), np.uint8)

@@ -62,6 +62,7 @@ def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) 
 
 @cache
 def caption_font() -> Font:
+    """The font of captions, loaded once."""
     return ImageFont.load_default(FONT_PIXELS)
 
 
