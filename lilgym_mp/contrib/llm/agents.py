@@ -17,7 +17,7 @@ from lilgym_mp.wrappers import TextObservation
 Message = dict[str, Any]
 
 
-class AgentError(ValueError):
+class ModelError(ValueError):
     """The agent is unavailable or does not answer."""
 
 
@@ -67,21 +67,21 @@ AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need furt
 def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageAgent:
     """The agent called `name`, one of AGENTS or "module:Class", constructed with `options` as keyword arguments.
 
-    Raises AgentError for a missing module or class, or invalid options, whose values it does not show.
+    Raises ModelError for a missing module or class, or invalid options, whose values it does not show.
     """
     given = dict(options or {})
     path = name if ":" in name else choose("agent", name, AGENTS)
     try:
         agent = resolve_name(path)(**given)
-    except AgentError:
+    except ModelError:
         raise
     except Exception as error:
         hint = "name it module:Class, importable from here" if ":" in name else "give options as --option KEY=VALUE"
         known = f"with the options {', '.join(given) or 'none'}; {hint}"
         reason = without_secrets(described(error), given)
-        raise AgentError(f"agent {name!r} cannot be constructed {known}: {reason}") from None
+        raise ModelError(f"agent {name!r} cannot be constructed {known}: {reason}") from None
     if not callable(getattr(agent, "answer", None)):
-        raise AgentError(f"agent {name!r} has no method answer(messages)")
+        raise ModelError(f"agent {name!r} has no method answer(messages)")
     return agent
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from multiprocessing.pool import ThreadPool
 from typing import Any
 
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Message, described
+from lilgym_mp.contrib.llm.agents import Answer, LanguageAgent, Message, ModelError, described
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation import Settings
@@ -60,7 +60,7 @@ class Player:
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
-        """One episode. Raises ValueError for an unknown task, AgentError where the agent raises an exception."""
+        """One episode. Raises ValueError for an unknown task, ModelError where the agent raises an exception."""
         text, info = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
@@ -141,7 +141,7 @@ def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) 
             local.player = replace(player)
         try:
             return local.player.play(*job)
-        except AgentError as error:
+        except ModelError as error:
             return Failure(job[0], str(error), local.player.conversation)
 
     with ThreadPool(max(1, min(concurrency, len(jobs)))) as pool:  # its threads end after their current episode
@@ -158,20 +158,20 @@ def _extended(message: Message, text: str, *, before: bool = False) -> Message:
 
 
 def _call(method: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of an agent's method; its exceptions become AgentErrors."""
+    """The result of an agent's method; its exceptions become ModelErrors."""
     try:
         return method(*arguments)
-    except AgentError:
+    except ModelError:
         raise
     except (Exception, SystemExit) as error:
-        raise AgentError(f"the agent raised {described(error)}") from error
+        raise ModelError(f"the agent raised {described(error)}") from error
 
 
 def _answer(reply: object) -> Answer:
-    """An agent's reply, with text that can be written to files. Raises AgentError for another type."""
+    """An agent's reply, with text that can be written to files. Raises ModelError for another type."""
     answer = Answer(reply) if isinstance(reply, str) else reply
     if not isinstance(answer, Answer) or not isinstance(answer.text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise AgentError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
+        raise ModelError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
     reasoning = None if answer.reasoning is None else _writable(answer.reasoning)
     return answer._replace(text=_writable(answer.text), reasoning=reasoning)
 
