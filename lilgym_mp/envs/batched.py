@@ -20,7 +20,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
-from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer, warn_of_no_mode
+from lilgym_mp.envs.interface import RENDER_FPS, TaskEnvironment, make_renderer, warn_of_no_mode
 from lilgym_mp.envs.keywords import refuse_old_id
 from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
@@ -59,7 +59,7 @@ class ResultTable(NamedTuple):
         return cls(np.array(rewards), np.array(terminated), np.array(truncated), np.array(endings, object), successes)
 
 
-class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any]):
+class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any]):
     """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too."""
 
     metadata: dict[str, Any] = {

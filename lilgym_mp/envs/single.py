@@ -17,7 +17,7 @@ from lilgym_mp.envs.interface import (
     RENDER_FPS,
     RENDER_MODES,
     RESET_OPTIONS,
-    SharedInterface,
+    TaskEnvironment,
     end_info,
     make_renderer,
     warn_of_no_mode,
@@ -32,7 +32,7 @@ from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene.render.canvas import Canvas
 
 
-class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
+class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
     """Add and remove items until the statement has the target value, then STOP.
 
     Observation space: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
