@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import gzip
 import importlib.util
+import inspect
 import json
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -13,6 +15,7 @@ import sys
 import tarfile
 import tomllib
 from collections.abc import Iterator
+from enum import Enum
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
@@ -285,6 +288,32 @@ def test_code__documents_every_public_definition():
             if not inherited:
                 undocumented.append(f"{module}.{name}")
     assert not undocumented
+
+
+API_NAMES = [
+    name
+    for page in sorted((ROOT / "docs/api").glob("*.md"))
+    for name in re.findall("^::: (.+)", page.read_text(), re.M)
+]
+
+
+@pytest.mark.parametrize("name", API_NAMES)
+def test_docs__list_arguments_results_and_errors_in_sections(name: str):
+    try:
+        found: Any = pkgutil.resolve_name(name)
+    except ModuleNotFoundError as missing:
+        pytest.skip(f"{missing.name} is not installed")
+    constructor = getattr(found, "__init__", None) if inspect.isclass(found) else None
+    text = "\n".join(filter(None, (inspect.getdoc(found), constructor and inspect.getdoc(constructor))))
+    assert not re.search(r"\bRaises [A-Z]", text), "errors belong into a section Raises"
+    if inspect.ismodule(found) or (constructor and (issubclass(found, Enum) or inspect.isabstract(found))):
+        return
+    if constructor is None:
+        signature = inspect.signature(found)
+        assert "Args:" in text or not signature.parameters
+        assert "Returns:" in text or signature.return_annotation in ("None", None)
+    elif constructor is not object.__init__ and not getattr(found, "_is_protocol", False):
+        assert "Args:" in text or "Attributes:" in text or issubclass(found, Exception)
 
 
 def test_extras__named_in_code_exist():

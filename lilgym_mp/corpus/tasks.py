@@ -38,7 +38,12 @@ class Provenance:
 
 
 class TaskSet(Sequence[Task]):
-    """The tasks of one configuration and split, in file order; immutable and shared."""
+    """The tasks of one configuration and split, in file order; immutable and shared.
+
+    Args:
+        tasks: The tasks; their ids must differ.
+        provenance: Where they come from.
+    """
 
     __slots__ = ("_indices", "_tasks", "provenance")
 

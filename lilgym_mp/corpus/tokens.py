@@ -55,7 +55,14 @@ def statement_form(statement: str) -> str:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """A mapping from words to token ids: 0 is padding, 1 unknown, then the words in the given order."""
+    """A mapping from words to token ids: 0 is padding, 1 unknown, then the words in the given order.
+
+    Args:
+        words: The words, all different.
+
+    Raises:
+        VocabularyError: For duplicate words.
+    """
 
     words: tuple[str, ...]
     _ids: dict[str, int] = field(init=False, repr=False, compare=False)

@@ -60,7 +60,14 @@ class ResultTable(NamedTuple):
 
 
 class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any]):
-    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too."""
+    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too.
+
+    Args:
+        settings: The environments and how they are observed.
+        buffers: The arrays that the environments write their results into, with N rows.
+        render_mode: As for a single environment.
+        copy: Whether returned images are copies.
+    """
 
     metadata: dict[str, Any] = {
         "render_modes": list(RENDER_MODES),
@@ -453,13 +460,20 @@ class BatchedEnv(LilGymVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the fields of `engine.BatchSettings`: those of a single environment, and two more.
+        """Makes all environments; `reset` draws their first tasks.
 
-        `copy`: whether returned images are copies; otherwise they are valid until the next call.
-        `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
-        `evaluation`: play every task of the split once, in file order across the batch, instead of random tasks. An
-        environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
-        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        Args:
+            num_envs: The number of environments, N.
+            render_mode: As for a single environment.
+            copy: Whether returned images are copies; otherwise they are valid until the next call.
+            settings: The fields of `engine.BatchSettings`: those of a single environment, and two more.
+                `autoreset_mode`: Gymnasium's, NEXT_STEP by default. `evaluation`: play every task of the split once, in
+                file order across the batch, instead of random tasks. An environment with no tasks left repeats one, with
+                "repeated" true in its infos; see `evaluation_finished`.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+            CorpusError: For unusable data (a ValueError).
         """
         checked = BatchSettings.of({"num_envs": num_envs, **settings}, "render_mode", "copy")
         buffers = Buffers.new(checked.array_specs())

@@ -67,7 +67,21 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The identity of an environment; all but the split and the image size is part of the identity of a run."""
+    """The identity of an environment; all but the split and the image size is part of the identity of a run.
+
+    Args:
+        configuration: Its name, such as "TowerScratch", or a Gymnasium id, which becomes that name.
+        corpus: As for `load_tasks`.
+        rules: The rule set, "paper" or "release".
+        horizon: Actions per episode; None: the rule set's.
+        grid: Scatter's columns and rows, or a name.
+        split: The split of the tasks.
+        image_size: "half", (50, 190, 3), or "native", (100, 380, 3).
+
+    Raises:
+        ValueError: For an unknown configuration; the message names the choices. Values of other fields are checked when
+            they are used.
+    """
 
     configuration: str  # or a Gymnasium id, which becomes the configuration's name
     corpus: str = setting("builtin", CORPUS_HELP, kind=fixed_name)

@@ -159,7 +159,13 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """The MDP of one appearance under one rule set and horizon, as pure functions of states."""
+    """The MDP of one appearance under one rule set and horizon, as pure functions of states.
+
+    Args:
+        appearance: The kind of scenes and their actions.
+        rules: The rule set.
+        horizon: Actions per episode.
+    """
 
     appearance: Appearance
     rules: RuleSet
@@ -214,9 +220,18 @@ class Dynamics:
 
 
 def make_dynamics(appearance: Appearance, rules: str = "paper", horizon: int | None = None) -> Dynamics:
-    """The MDP under the rule set called `rules`; `horizon`: actions per episode (None: the rule set's).
+    """The MDP under a rule set.
 
-    Raises ValueError for an unknown rule set or a horizon that is not a positive whole number.
+    Args:
+        appearance: The kind of scenes and their actions.
+        rules: Name of the rule set, "paper" or "release".
+        horizon: Actions per episode; None: the rule set's.
+
+    Returns:
+        The rules as pure functions.
+
+    Raises:
+        ValueError: For an unknown rule set or a horizon that is not a positive whole number.
     """
     rule_set = choose("rules", rules, RULE_SETS)
     if horizon is None:

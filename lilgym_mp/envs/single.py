@@ -56,10 +56,17 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         render_cells: bool = False,
         **settings: Any,
     ) -> None:
-        """`settings`: the fields of `SingleConfig`, all optional: the environment's and how it is observed.
+        """Makes the environment; `reset` draws the first task.
 
-        `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
-        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        Args:
+            configuration: Its name, such as "TowerScratch".
+            render_mode: "human", "rgb_array", "ansi" or None.
+            render_cells: Rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
+            settings: The fields of `SingleConfig`, all optional: the environment's and how it is observed.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+            CorpusError: For unusable data (a ValueError).
         """
         given = {"configuration": configuration, **settings}
         self.config = config = SingleConfig.of(given, "render_mode", "render_cells")

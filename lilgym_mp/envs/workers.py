@@ -193,14 +193,26 @@ class WorkerVectorEnv(LilGymVectorEnv):
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        """`id`: such as "lilgym_mp/TowerScratch-v0"; `settings`: the other keywords of `BatchedEnv`.
+        """Starts the workers.
 
-        `num_workers`: processes that step environments, including this one (1: no others); "auto": one for each
-        core, but at least 64 environments per process. `start_method`: "fork", "forkserver" or "spawn",
-        None for Python's default. `timeout_seconds`: a worker that takes longer for a call counts as hung.
-        Raises ValueError for unusable settings, SharedMemoryError without enough memory, WorkerError if a worker fails
-        or cannot be started, as in a daemonic process. Only the process that made it can use it: a child forked from
-        that process can only `close` it, which releases the child's own resources.
+        Only the process that made it can use it: a child forked from it can only `close` it, which releases the
+        child's own resources.
+
+        Args:
+            id: Such as "lilgym_mp/TowerScratch-v0".
+            num_envs: The number of environments, N.
+            num_workers: Processes that step environments, including this one (1: no others); "auto": one for each core,
+                but at least 64 environments per process.
+            start_method: "fork", "forkserver" or "spawn"; None for Python's default.
+            timeout_seconds: A worker that takes longer for a call counts as hung.
+            render_mode: As for `BatchedEnv`.
+            copy: As for `BatchedEnv`.
+            settings: The other keywords of `BatchedEnv`.
+
+        Raises:
+            ValueError: For unusable settings.
+            SharedMemoryError: Without enough memory.
+            WorkerError: If a worker fails or cannot be started, as in a daemonic process.
         """
         # First, because Gymnasium before 1.3 also closes environments whose constructor failed.
         self._workers: list[_Worker] = []

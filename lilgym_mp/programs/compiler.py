@@ -40,7 +40,14 @@ class Program:
     __slots__ = ("_evaluations", "_generated", "_key", "_reference", "errors", "source", "tree")
 
     def __init__(self, source: str) -> None:
-        """Raises ProgramError when `source` is not a valid program."""
+        """Parses and checks the source.
+
+        Args:
+            source: The program's text.
+
+        Raises:
+            ProgramError: When `source` is not a valid program.
+        """
         self.source = source
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
@@ -123,7 +130,15 @@ def generated_truth(tree: Node) -> Truth:
 def compile_program(source: str) -> Program:
     """The compiled program, from an LRU cache.
 
-    Raises ProgramError with position and reason when `source` is not a valid program, TypeError when it is not a str.
+    Args:
+        source: The program's text.
+
+    Returns:
+        The program; `program(scene)` is its truth value in the scene.
+
+    Raises:
+        ProgramError: When `source` is not a valid program, with position and reason.
+        TypeError: When it is not a str.
     """
     if not isinstance(source, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"the source of a program must be a str, not {type(source).__name__}")
@@ -159,7 +174,14 @@ def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = co
 
 
 def explain_program(source: str) -> str:
-    """Human-readable text: the error in the source, or the words it uses and its value on the empty scene."""
+    """Human-readable text about a program, valid or not.
+
+    Args:
+        source: The program's text.
+
+    Returns:
+        The error in the source, or the words it uses and its value on the empty scene.
+    """
     try:
         program = compile_program(source)
     except ProgramError as fault:

@@ -34,7 +34,17 @@ class ProgramGoal:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Make `statement` have the truth value `target`, from the scene `start`."""
+    """Make `statement` have the truth value `target`, from the scene `start`.
+
+    Attributes:
+        id: Names the task within its task set.
+        statement: The text that agents read.
+        program: Its source in the program language; compiled on first use.
+        target: The truth value to reach.
+        start: The start scene.
+        other_goal: Where STOP does not succeed exactly when the program has the target.
+        tags: Annotations of the statement by the corpus's authors.
+    """
 
     id: str
     statement: str

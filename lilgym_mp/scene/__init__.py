@@ -85,7 +85,15 @@ new_tuple: _NewTuple = cast("Any", tuple).__new__
 
 
 class Item(NamedTuple):
-    """One object; (x, y) is the top-left pixel of its bounding square inside its box, y downwards."""
+    """One object.
+
+    Attributes:
+        x: Left pixel of its bounding square inside its box.
+        y: Top pixel of that square, counted downwards.
+        shape: Circle, square or triangle.
+        colour: Yellow, black or blue.
+        size: Small, medium or large: 10, 20 or 30 pixels.
+    """
 
     x: int
     y: int
@@ -173,7 +181,11 @@ _set_memo: Callable[[_Frozen, dict[Hashable, Any]], None] = _Frozen.__dict__["me
 
 
 class Box(_Frozen):
-    """The items of one box in the order they were added."""
+    """The items of one box in the order they were added.
+
+    Args:
+        items: The items.
+    """
 
     __slots__ = ("items",)
     items: tuple[Item, ...]
@@ -196,7 +208,11 @@ Box._content = Box.__dict__["items"]  # pyright: ignore[reportPrivateUsage]
 
 
 class Scene(_Frozen):
-    """Three boxes, left to right."""
+    """Three boxes, left to right.
+
+    Args:
+        boxes: The left, the middle and the right box.
+    """
 
     __slots__ = ("boxes",)
     boxes: tuple[Box, Box, Box]

@@ -20,7 +20,15 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best solution found from one state."""
+    """The best solution found from one state.
+
+    Attributes:
+        status: Whether a solution was found, proven impossible, or not found within the budget.
+        actions: Edits, then STOP; empty when not solved.
+        least_edits: Proven lower bound on the edits of any solution.
+        scenes: Number of scenes examined by the search.
+        reason: Why there is no solution.
+    """
 
     status: Status
     actions: tuple[Action, ...]  # edits, then STOP; empty when not solved

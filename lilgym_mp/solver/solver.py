@@ -36,9 +36,15 @@ class Solver:
     """Finds shortest solutions of the tasks of one MDP. Results do not depend on earlier calls."""
 
     def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
-        """`budget`: how many scenes a call may examine; None is the default of the appearance.
+        """Prepares the search of the appearance.
 
-        Raises ValueError for a budget below 1, UnsupportedAppearance (a ValueError) for other appearances.
+        Args:
+            dynamics: The MDP's rules.
+            budget: How many scenes a call may examine; None is the default of the appearance.
+
+        Raises:
+            ValueError: For a budget below 1.
+            UnsupportedAppearance: For an appearance without a search (a ValueError).
         """
         self.dynamics = dynamics
         appearance = dynamics.appearance

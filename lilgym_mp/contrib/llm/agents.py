@@ -22,7 +22,16 @@ class ModelError(ValueError):
 
 
 class Answer(NamedTuple):
-    """An agent's reply, with token counts if known."""
+    """An agent's reply, with token counts if known.
+
+    Attributes:
+        text: The reply, without separate thoughts.
+        prompt_tokens: Tokens read.
+        completion_tokens: Tokens written.
+        reasoning: Thoughts that the model gave apart from the text; kept in transcripts.
+        retries: Failed calls before this one.
+        problem: Why the text is not the model's answer: "cut", "filtered" or "refused".
+    """
 
     text: str
     prompt_tokens: int | None = None
@@ -65,9 +74,17 @@ AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need furt
 
 
 def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageAgent:
-    """The agent called `name`, one of AGENTS or "module:Class", constructed with `options` as keyword arguments.
+    """A text agent by its name.
 
-    Raises ModelError for a missing module or class, or invalid options, whose values it does not show.
+    Args:
+        name: One of AGENTS, or "module:Class".
+        options: Keyword arguments of its constructor.
+
+    Returns:
+        The agent.
+
+    Raises:
+        ModelError: For a missing module or class, or invalid options, whose values the message does not show.
     """
     given = dict(options or {})
     path = name if ":" in name else choose("agent", name, AGENTS)

@@ -24,11 +24,20 @@ from lilgym_mp.wrappers.text import IMAGES, content_of
 class Player:
     """Plays the tasks of one configuration with a text agent.
 
-    `history`: past observations kept in the conversation. `retries`: further attempts after an answer that names no
-    action, or is cut, filtered or refused; then the episode ends so, without success and with the reward of an illegal
-    action, as in `rlvr.Conversation`. `scene`: as for TextObservation; pictures are content parts of OpenAI's chat API.
-    `thoughts`: tags of thoughts, which are neither read nor sent again. `system`: False puts the rules into the first
-    user message, for models without a system role.
+    Args:
+        settings: The environment, such as `Settings("TowerFlipIt")`.
+        agent: The agent that replies.
+        split: The split whose tasks are played.
+        scene: "list", "image" or "both", as for TextObservation; pictures are content parts of OpenAI's chat API.
+        legal_actions: Whether observations list the legal actions.
+        retries: Further attempts after an answer that names no action, or is cut, filtered or refused; then the episode
+            ends so, without success and with the reward of an illegal action, as in `rlvr.Conversation`.
+        history: Past observations kept in the conversation.
+        thoughts: Tags of thoughts, which are neither read nor sent again.
+        system: False puts the rules into the first user message, for models without a system role.
+
+    Raises:
+        ValueError: For an invalid setting, which the message names.
     """
 
     settings: Settings

@@ -65,11 +65,17 @@ class BatchedGames:
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        """`tasks`: played instead of the split's, such as augmented or held-out ones.
-        `sampler`: chooses the tasks of games that start; None: uniformly, each game with its own generator.
-        `copy=False`: the image array is reused, so valid only until the next step.
+        """Makes all games; `reset` starts them.
 
-        Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
+        Args:
+            num_games: The number of games, N.
+            tasks: Played instead of the split's, such as augmented or held-out ones.
+            sampler: Chooses the tasks of games that start; None: uniformly, each game with its own generator.
+            copy: False: the image array is reused, so valid only until the next step.
+            settings: The fields of GameSettings.
+
+        Raises:
+            ValueError: Unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
         game = Game(GameSettings.of(settings))
         self._game = game = game if tasks is None else game.with_tasks(tasks)

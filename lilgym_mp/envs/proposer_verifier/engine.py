@@ -237,7 +237,11 @@ class BaseGameEnv:
         observations: str = NESTED,
         **settings: Any,
     ) -> None:
-        """Arguments as for `env`. Raises ValueError naming the choices."""
+        """Makes the game; `reset` starts it. Arguments as for `env`.
+
+        Raises:
+            ValueError: For invalid settings; the message names the choices.
+        """
         self._is_vector = choose("observations", observations, {NESTED: False, VECTOR: True})
         self.masks_in_infos = self._is_vector
         game = Game(GameSettings.of({"configuration": configuration, **settings}))

@@ -23,6 +23,12 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
     """A proposer and a verifier act on one MDP, one after the other.
 
     In the simultaneous protocol ("joint") the proposer's action is held back, unseen, until the verifier has acted.
+
+    Args:
+        configuration: As for `env`.
+        render_mode: As for a single environment.
+        observations: "nested" or "vector", as for `env`.
+        settings: The fields of GameSettings.
     """
 
     _pending: int | None = None  # simultaneous protocol: the proposer's action, until the verifier acts
@@ -96,6 +102,12 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
 
     In turn-based protocols a step is one turn: the agent out of turn has one legal action, "wait", and any other is
     ignored. Both agents' observations share the arrays of parts that both see.
+
+    Args:
+        configuration: As for `env`.
+        render_mode: As for a single environment.
+        observations: "nested" or "vector", as for `env`.
+        settings: The fields of GameSettings.
     """
 
     def reset(
@@ -134,8 +146,16 @@ raw_env = ProposerVerifierAEC
 def env(configuration: str | None = None, **settings: Any) -> StrictOrderEnforcing:
     """The game as a PettingZoo AEC environment, with checks of the order of calls, which `raw_env` omits.
 
-    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch). Keywords are the fields of
-    GameSettings, `render_mode`, and `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit
-    and Stable-Baselines3, "vector", all parts flattened to float32 (N,), with masks in infos.
+    Args:
+        configuration: A name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch).
+        settings: The fields of GameSettings, `render_mode`, and `observations`: "nested", {"observation": parts,
+            "action_mask"}; or, for SuperSuit and Stable-Baselines3, "vector", all parts flattened to float32 (N,), with
+            masks in infos.
+
+    Returns:
+        The environment.
+
+    Raises:
+        ValueError: For invalid settings; the message names the value and the choices.
     """
     return StrictOrderEnforcing(raw_env(configuration, **settings))

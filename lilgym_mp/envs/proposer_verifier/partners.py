@@ -223,7 +223,11 @@ class RandomPartner:
 class OracleVerifier(BatchPartner):
     """Accepts a claim if it holds, and every other proposal.
 
-    `error_rate`: probability of the opposite judgement.
+    Args:
+        error_rate: Probability of the opposite judgement.
+
+    Raises:
+        ValueError: For an `error_rate` outside 0 .. 1.
     """
 
     error_rate: float = 0.0

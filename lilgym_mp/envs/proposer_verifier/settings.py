@@ -97,7 +97,20 @@ def read_sizes(text: str) -> int | Mapping[str, int]:
 
 @dataclass(frozen=True)
 class GameSettings(EnvConfig):
-    """The configuration of a game; docs/proposer_verifier.md describes the fields."""
+    """The configuration of a game; docs/proposer_verifier.md describes protocols, rewards and views.
+
+    Args:
+        configuration: As for `Settings`, like all fields that are not named here.
+        protocol: Who moves when, and what the verifier decides.
+        rewards: A name in PRESETS, {agent: term or {term: weight}}, or a function.
+        deceptive_share: Share of deceptive games, 0 .. 1, if intents are hidden.
+        views: What agents see: one view for both, {agent: view}, or "guide".
+        message_size: Messages besides silence, for both agents or by agent; None: the protocol's.
+        message_cost: Cost of a message to its sender.
+        exchanges: In "critique", rejections in a round before a proposal needs no answer.
+        reveal_truth: Whether infos include the truth of the statement.
+        homogeneous: Whether both agents have equal spaces.
+    """
 
     configuration: str = "TowerScratch"
     _: KW_ONLY

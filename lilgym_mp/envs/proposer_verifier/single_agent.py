@@ -30,12 +30,17 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: the game (`env`, `raw_env` or `parallel_env`), also in wrappers of this package, which apply to both
-        agents. The view takes it over: do not step it elsewhere.
-        `partner`: a name in SCRIPTED, or a function of a PartnerTurn.
+        """Takes the game over: do not step it elsewhere.
 
-        Raises TypeError for another environment, for array observations and a partner that is not callable, ValueError
-        for unknown names.
+        Args:
+            env: The game (`env`, `raw_env` or `parallel_env`), also in wrappers of this package, which apply to both
+                agents.
+            agent: The agent to play, such as "proposer_0".
+            partner: A name in SCRIPTED, or a function of a PartnerTurn.
+
+        Raises:
+            TypeError: For another environment, for array observations and a partner that is not callable.
+            ValueError: For unknown names.
         """
         game_env = getattr(env, "unwrapped", env)
         if not isinstance(game_env, BaseGameEnv):

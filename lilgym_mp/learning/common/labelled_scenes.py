@@ -27,7 +27,7 @@ LONGEST_BUILD = 10  # edits from the empty scene
 
 
 class PathFromStart(NamedTuple):
-    """The edits by which a scene was reached from the start of a task."""
+    """From which start a scene was reached, and by how many edits."""
 
     task: int  # index in the entry's tasks, from whose start
     edits: int

@@ -78,7 +78,18 @@ def empty_picture(shrink: int) -> UInt8Array:
 
 
 def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
-    """A new image of the scene: (100, 380, 3), or (50, 190, 3) when `image_size` is "half"."""
+    """A new image of the scene.
+
+    Args:
+        scene: The scene.
+        image_size: "native" or "half".
+
+    Returns:
+        uint8 (100, 380, 3), or (50, 190, 3) at half size.
+
+    Raises:
+        ValueError: For another `image_size`; the message names the choices.
+    """
     pixels = empty_picture(1).copy()
     for index, box in enumerate(scene.boxes):
         for item in box.items:

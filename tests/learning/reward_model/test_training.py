@@ -119,8 +119,8 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
     tasks = sorted(settings.make("train").tasks, key=lambda task: len(list(task.start.items())))
     entry, before = LabelledStatement("new", tasks[:3]), collector.steps
     scene = tasks[2].start
-    way = entry.paths[collector.stop(entry, 0, scene, 5)]
-    assert (entry.tasks[path.task].start, way.edits) == (scene, 0)
+    path = entry.paths[collector.stop(entry, 0, scene, 5)]
+    assert (entry.tasks[path.task].start, path.edits) == (scene, 0)
     assert collector.steps == before + 1
 
 
