@@ -297,23 +297,36 @@ API_NAMES = [
 ]
 
 
+def _documented_methods(found: type) -> Iterator[Any]:
+    """The functions of the public methods and properties that a class defines and documents itself."""
+    for name, member in vars(found).items():
+        function = inspect.unwrap(getattr(member, "fget", None) or getattr(member, "__func__", member))
+        if inspect.isfunction(function) and function.__doc__ and not name.startswith("_"):
+            yield function
+
+
 @pytest.mark.parametrize("name", API_NAMES)
 def test_docs__list_arguments_results_and_errors_in_sections(name: str):
     try:
         found: Any = pkgutil.resolve_name(name)
     except ModuleNotFoundError as missing:
         pytest.skip(f"{missing.name} is not installed")
-    constructor = getattr(found, "__init__", None) if inspect.isclass(found) else None
-    text = "\n".join(filter(None, (inspect.getdoc(found), constructor and inspect.getdoc(constructor))))
-    assert not re.search(r"\bRaises [A-Z]", text), "errors belong into a section Raises"
-    if inspect.ismodule(found) or (constructor and (issubclass(found, Enum) or inspect.isabstract(found))):
-        return
-    if constructor is None:
-        signature = inspect.signature(found)
-        assert "Args:" in text or not signature.parameters
-        assert "Returns:" in text or signature.return_annotation in ("None", None)
-    elif constructor is not object.__init__ and not getattr(found, "_is_protocol", False):
-        assert "Args:" in text or "Attributes:" in text or issubclass(found, Exception)
+    if inspect.isfunction(found):
+        text = inspect.getdoc(found) or ""
+        assert "Returns:" in text or inspect.signature(found).return_annotation == "None"
+        documented = [(found, text)]
+    else:
+        methods = list(_documented_methods(found)) if inspect.isclass(found) else []
+        documented = [(method, inspect.getdoc(method) or "") for method in methods]
+    if inspect.isclass(found) and not issubclass(found, Enum) and not inspect.isabstract(found):
+        constructor = "" if found.__init__ is object.__init__ else inspect.getdoc(found.__init__) or ""
+        text = f"{inspect.getdoc(found)}\n{constructor}"
+        if found.__init__ is not object.__init__ and not issubclass(found, Exception):
+            assert re.search("^(Args|Attributes):", text, re.M) or getattr(found, "_is_protocol", False)
+        assert not re.search(r"\bRaises [A-Z]", text)
+    for function, text in documented:
+        assert "Args:" in text or not set(inspect.signature(function).parameters) - {"self", "cls"}, function
+        assert not re.search(r"\bRaises [A-Z]", text), function
 
 
 def test_extras__named_in_code_exist():

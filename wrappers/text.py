@@ -304,9 +304,10 @@ class TextObservation(EnvWrapper[TextFormat]):
         super().__init__(env, default=default, scene=scene, legal_actions=legal_actions, thoughts=thoughts)
 
     def parse_action(self, reply: object) -> Reply:
-        """The action that `reply` chooses, a text or content parts, and whether it was understood.
+        """The action that a reply chooses, and whether it was understood. `wrappers.replies` has the rules.
 
-        `wrappers.replies` has the rules.
+        Args:
+            reply: A text or content parts.
         """
         return self.transformation.parse(reply, self.action_masks)
 

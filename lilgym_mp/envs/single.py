@@ -106,10 +106,18 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode of a uniformly drawn task, or of `options={"task": task}`: an id, or a `Task` whose
-        statement fits the observation space.
+        """Starts an episode, by default of a uniformly drawn task.
 
-        Raises ValueError for an unknown id or option or an invalid task or seed, ClosedEnvironmentError after `close`.
+        Args:
+            seed: Seed of the environment's generator; None keeps it.
+            options: {"task": task}: an id, or a `Task` whose statement fits the observation space.
+
+        Returns:
+            The observation, and infos with the task's id.
+
+        Raises:
+            ValueError: For an unknown id or option or an invalid task or seed.
+            ClosedEnvironmentError: After `close`.
         """
         check_open(closed=self._closed)
         choice = None if options is None else checked_options(options, RESET_OPTIONS).get("task")
@@ -147,8 +155,19 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for an action out of range, ResetNeeded before reset and after the end of an episode, and
-        ClosedEnvironmentError after `close`."""
+        """Takes one action.
+
+        Args:
+            action: Its index.
+
+        Returns:
+            Observation, reward, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For an action out of range.
+            ResetNeeded: Before reset and after the end of an episode.
+            ClosedEnvironmentError: After `close`.
+        """
         state = self._state
         if state is None or self._ended:
             check_open(closed=self._closed)
@@ -175,7 +194,12 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
 
     @property
     def state(self) -> State:
-        """The current state. Raises ResetNeeded before the first reset, ClosedEnvironmentError after `close`."""
+        """The current state.
+
+        Raises:
+            ResetNeeded: Before the first reset.
+            ClosedEnvironmentError: After `close`.
+        """
         if self._state is None:
             check_open(closed=self._closed)
             raise gym.error.ResetNeeded("there is no state before the first reset; call reset first")
@@ -205,9 +229,12 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         return self.dynamics.goal_reached(self.state)
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
-        """Replaces the tasks by `change(tasks)` from the next reset on.
+        """Replaces the tasks from the next reset on.
 
         The observation space does not change, so that statements and numbers of items must fit it.
+
+        Args:
+            change: A function from the tasks to the new ones.
         """
         check_open(closed=self._closed)
         self.tasks = change(self.tasks)

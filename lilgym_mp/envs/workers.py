@@ -311,7 +311,11 @@ class WorkerVectorEnv(LilGymVectorEnv):
             )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stops the workers and releases the memory."""
+        """Stops the workers and releases the memory.
+
+        Args:
+            kwargs: Those of `close`, which have no effect.
+        """
         if self._finalizer is not None:
             _stop_workers(self._workers, self._shared, self._owner)
             self._finalizer.detach()

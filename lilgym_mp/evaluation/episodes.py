@@ -59,7 +59,15 @@ class Episode:
 
     @classmethod
     def of(cls, task: Task, actions: Sequence[Action], outcome: str, dynamics: Dynamics, **others: Any) -> Self:
-        """The episode of these actions on the task; `others`: further fields."""
+        """The episode of these actions on the task.
+
+        Args:
+            task: The task.
+            actions: The actions, in order.
+            outcome: That of the last action.
+            dynamics: The rules, which give the rewards.
+            others: Further fields.
+        """
         signals = dynamics.rules.signals
         before = (signals[Outcome.CONTINUES].reward,) * (len(actions) - 1)
         return cls(

@@ -64,7 +64,12 @@ class Policy(ABC):
         """(B,) action indices. `legal`: (B, actions) exact masks; `rng` is the only source of randomness."""
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-        """The output of the latest call, given its mask and the actions chosen, for recordings; None if unknown."""
+        """The output of the latest call, for recordings; None if unknown.
+
+        Args:
+            legal: bool (B, actions), the masks of that call.
+            chosen: int64 (B,), the actions chosen.
+        """
         return None
 
 

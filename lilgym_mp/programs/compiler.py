@@ -75,10 +75,16 @@ class Program:
         return (self._generated or self._generate()) is not _always_fall_back
 
     def evaluate(self, scene: Scene, *, step_limit: int | None = None) -> bool:
-        """The truth value in the scene. Raises ProgramRuntimeError where there is none; `errors` is unchanged.
+        """The truth value in the scene; `errors` is unchanged.
 
-        With a step limit, evaluation by the reference evaluator ends with StepLimitError after that many steps of about
-        0.1 microseconds. Programs of unknown origin can take seconds without one.
+        Args:
+            scene: The scene.
+            step_limit: Steps of about 0.1 microseconds after which the reference evaluator gives up. Programs of
+                unknown origin can take seconds without a limit.
+
+        Raises:
+            ProgramRuntimeError: Where there is no truth value.
+            StepLimitError: Beyond the step limit.
         """
         if step_limit is not None:
             return self.evaluate_reference(scene, step_limit=step_limit)
@@ -88,7 +94,12 @@ class Program:
             return self.evaluate_reference(scene)
 
     def evaluate_reference(self, scene: Scene, *, step_limit: int | None = None) -> bool:
-        """`evaluate` by the reference evaluator, which defines the semantics."""
+        """`evaluate` by the reference evaluator, which defines the semantics.
+
+        Args:
+            scene: The scene.
+            step_limit: As for `evaluate`.
+        """
         from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 
         self._reference = self._reference or build_closure(self.tree)

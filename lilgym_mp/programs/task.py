@@ -72,7 +72,11 @@ class Task:
     def from_json(cls, data: object) -> Task:
         """Reads `to_json`'s form. Checks types and form only: not the program, nor what an appearance allows.
 
-        Raises ValueError naming the field at fault.
+        Args:
+            data: The object read from JSON.
+
+        Raises:
+            ValueError: Naming the field at fault.
         """
         if not isinstance(data, Mapping):
             raise ValueError(f"a task must be an object, not {data!r:.80}")
@@ -83,11 +87,19 @@ class Task:
         return cls(**{name: record[name] for name in _KEYS}, start=Scene.from_json(record.get("start")))
 
     def truth(self, scene: Scene) -> bool:
-        """The statement's truth value in `scene`; false if the program raises, which it counts."""
+        """The statement's truth value in a scene; false if the program raises, which it counts.
+
+        Args:
+            scene: The scene.
+        """
         return compile_program(self.program)(scene)
 
     def solved_by(self, scene: Scene) -> bool:
-        """Whether STOP succeeds in `scene`."""
+        """Whether STOP succeeds in a scene.
+
+        Args:
+            scene: The scene.
+        """
         if self.other_goal is not None:
             return self.other_goal.reached_in(scene)
         return compile_program(self.program)(scene) == self.target

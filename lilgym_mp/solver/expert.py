@@ -60,7 +60,11 @@ class Expert:
         return self._env.dynamics.appearance.encode(action)
 
     def plan(self) -> Solution:
-        """A shortest solution from the current state. Raises ValueError if the episode is over."""
+        """A shortest solution from the current state.
+
+        Raises:
+            ValueError: If the episode is over.
+        """
         return self._solver.solve_from(self._env.state)
 
     def optimal_actions(self) -> ActionSet:

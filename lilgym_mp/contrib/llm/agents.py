@@ -49,7 +49,11 @@ class LanguageAgent(Protocol):
     """
 
     def answer(self, messages: Sequence[Message]) -> Answer | str:
-        """The reply to messages, oldest first; the first is the system message if there is one, the last a user's."""
+        """The reply to a conversation.
+
+        Args:
+            messages: Oldest first; the first is the system message if there is one, the last a user's.
+        """
         ...
 
 

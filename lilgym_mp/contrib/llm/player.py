@@ -69,7 +69,16 @@ class Player:
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
-        """One episode. Raises ValueError for an unknown task, ModelError where the agent raises an exception."""
+        """One episode.
+
+        Args:
+            task_id: The task's id.
+            seed: Seed of the environment, and of agents that take one.
+
+        Raises:
+            ValueError: For an unknown task.
+            ModelError: Where the agent raises an exception.
+        """
         text, info = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]

@@ -99,7 +99,15 @@ class BatchedGames:
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
-        """Starts every game; game i is seeded with `seed` + i. `options` as for `parallel_env`, for all games."""
+        """Starts every game.
+
+        Args:
+            seed: Game i is seeded with `seed` + i; None keeps the generators.
+            options: As for `parallel_env`, for all games.
+
+        Returns:
+            Observations by agent, and infos.
+        """
         check_open(closed=self._is_closed)
         seed, (choice, intent) = checked_seed(seed), reset_options(options)
         task = None if choice is None else self._games.index_of(choice)
@@ -135,7 +143,17 @@ class BatchedGames:
         return tasks.astype(np.int64, copy=False)
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
-        """`actions`: integers (N,) by agent. Errors as for `parallel_env`; a wrong shape or type is an ActionError."""
+        """Takes one action of each agent in each game.
+
+        Args:
+            actions: Integers (N,) by agent.
+
+        Returns:
+            Observations, rewards, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For a wrong shape or type; other errors as for `parallel_env`.
+        """
         if not self._is_started or self._is_closed:
             check_open(closed=self._is_closed)
             raise ResetNeeded("call reset first")

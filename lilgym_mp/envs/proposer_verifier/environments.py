@@ -34,7 +34,15 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
     _pending: int | None = None  # simultaneous protocol: the proposer's action, until the verifier acts
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
+        """Starts a game.
+
+        Args:
+            seed: Seed of the game's generator; None keeps it.
+            options: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive".
+
+        Raises:
+            ValueError: For an invalid option or seed.
+        """
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         self.rewards = dict.fromkeys(AGENTS, 0.0)
@@ -50,8 +58,16 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         return self._shown(agent, self.engine.observe(role_of(agent)))
 
     def step(self, action: SupportsIndex | None) -> None:
-        """Raises ActionError for an action outside the action space, ResetNeeded before reset and after the end,
-        ClosedEnvironmentError after `close`."""
+        """Takes one action of the agent in `agent_selection`.
+
+        Args:
+            action: Its index; None for an agent whose game has ended.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            ResetNeeded: Before reset and after the end.
+            ClosedEnvironmentError: After `close`.
+        """
         self.engine.check_open()
         if not self.agents:
             raise ResetNeeded("no agent is active; call reset before step")
@@ -113,14 +129,37 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
+        """Starts a game.
+
+        Args:
+            seed: Seed of the game's generator; None keeps it.
+            options: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive".
+
+        Returns:
+            Observations and infos by agent.
+
+        Raises:
+            ValueError: For an invalid option or seed.
+        """
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         return self._observations(), self._with_masks(infos)
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
-        """Raises ActionError for an action outside the action space, TurnError unless exactly both agents act,
-        ResetNeeded before reset and after the end, ClosedEnvironmentError after `close`."""
+        """Takes one action of each agent.
+
+        Args:
+            actions: Indices by agent.
+
+        Returns:
+            Observations, rewards, terminated, truncated and infos, each by agent.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            TurnError: Unless exactly both agents act.
+            ResetNeeded: Before reset and after the end.
+            ClosedEnvironmentError: After `close`.
+        """
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
         rewards, terminated, truncated, infos = self.engine.step(actions[PROPOSER_NAME], actions[VERIFIER_NAME])

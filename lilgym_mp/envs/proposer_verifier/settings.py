@@ -131,7 +131,8 @@ class GameSettings(EnvConfig):
     def to_json(self) -> dict[str, Any]:
         """The game's identity: no split, image size or infos, and no views in which both agents see everything.
 
-        Raises ValueError for a reward function.
+        Raises:
+            ValueError: For a reward function.
         """
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
@@ -145,7 +146,11 @@ class GameSettings(EnvConfig):
         return values
 
     def check(self) -> None:
-        """Raises ValueError naming the value and the choices for the settings that no other method checks."""
+        """Checks the settings that no other method checks.
+
+        Raises:
+            ValueError: Naming the value and the choices.
+        """
         choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
         checked_count("exchanges", self.exchanges, least=0)

@@ -64,7 +64,15 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """`options` as for the game."""
+        """Starts a game in which the agent has a turn.
+
+        Args:
+            seed: As for the game.
+            options: As for the game.
+
+        Returns:
+            The agent's observation, and infos.
+        """
         super().reset(seed=checked_seed(seed))
         for skipped in range(MAX_RESETS):
             infos = self.engine.reset(seed if skipped == 0 else None, options)
@@ -76,8 +84,19 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
-        ResetNeeded before reset and after the end."""
+        """Takes the agent's action, and the partner's until it is the agent's turn again.
+
+        Args:
+            action: Its index.
+
+        Returns:
+            Observation, reward, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            PartnerError: For an illegal action of the partner.
+            ResetNeeded: Before reset and after the end.
+        """
         engine, role = self.engine, self._role
         actions = {role: engine.game.checked_action(role, action)}
         if role.other in engine.movers:
@@ -108,7 +127,11 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         return partner_action(self.partner, turn)
 
     def observe(self, role: Role) -> AgentObservation:
-        """One agent's observation, after wrappers."""
+        """One agent's observation, after wrappers.
+
+        Args:
+            role: The agent.
+        """
         self.engine.check_open()
         if role not in self._observations:
             self._observations[role] = self.engine.observe(role)
