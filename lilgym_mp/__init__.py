@@ -56,6 +56,9 @@ def load_agent(name: str, device: str = "auto") -> Agent:
         name: The agent's name, such as "parse-and-plan".
         device: "auto", "cpu" or "cuda".
 
+    Returns:
+        The agent, with its network on the device.
+
     Raises:
         ValueError: For an unknown agent or device; the message names the choices.
         ModuleNotFoundError: Without torch; the message says how to install it.

@@ -48,11 +48,17 @@ class PerceptionError(ValueError):
 
 
 def read_scene(image: UInt8Array, appearance: str) -> Scene:
-    """The scene shown by `image`; drawing it gives exactly `image`.
+    """The scene shown by an image; drawing it gives exactly `image`.
 
-    `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: its name.
-    Tower blocks are ordered from bottom to top; Scatter items by x, then y.
-    Raises PerceptionError naming the wrong size, pixel or box, also if items occlude one another.
+    Args:
+        image: uint8 (50, 190, 3), half size, or (100, 380, 3), native.
+        appearance: The appearance's name.
+
+    Returns:
+        The scene; Tower blocks are ordered from bottom to top, Scatter items by x, then y.
+
+    Raises:
+        PerceptionError: Naming the wrong size, pixel or box, also if items occlude one another.
     """
     choose("appearance", appearance, APPEARANCES)
     read_box = part_of(appearance, "reading from pixels", {"tower": _read_tower, "scatter": _read_box})

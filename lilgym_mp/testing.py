@@ -58,6 +58,7 @@ class Event(NamedTuple):
 
     @property
     def ends(self) -> bool:
+        """Whether the step ends the episode, for whichever reason."""
         return bool(self.terminated or self.truncated)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import gzip
 import importlib.util
+import inspect
 import json
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -12,6 +15,7 @@ import sys
 import tarfile
 import tomllib
 from collections.abc import Iterator
+from enum import Enum
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
@@ -237,6 +241,92 @@ def test_modules__are_imported_by_computed_names_for_commands_alone():
     sources = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "lilgym_mp").rglob("*.py")}
     found = {name for name, path in sources.items() if re.search(r'import_module\((?!")', path.read_text())}
     assert found == {"lilgym_mp/cli/options.py", "lilgym_mp/submodules.py"}
+
+
+def _public_definitions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, ast.FunctionDef | ast.ClassDef]]:
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield prefix + node.name, node
+            if isinstance(node, ast.ClassDef):
+                yield from _public_definitions(node.body, f"{prefix}{node.name}.")
+
+
+def _has_the_docstring_of_a_base(module: str, name: str, protocols: list[set[str]]) -> bool:
+    """Whether a method overrides a documented one, or its class has all methods of a protocol with this one."""
+    *owners, method = name.split(".")
+    owner: Any = importlib.import_module(module)
+    for each in owners:
+        owner = getattr(owner, each)
+    if any(method in methods and methods <= set(dir(owner)) for methods in protocols):
+        return True
+    return any(getattr(vars(base).get(method), "__doc__", None) for base in owner.__mro__)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_code__documents_every_public_definition():
+    modules = {
+        f"{name}.{path.stem}".removesuffix(".__init__"): dict(_public_definitions(ast.parse(path.read_text()).body))
+        for name, directory in _package_directories().items()
+        for path in directory.glob("*.py")
+    }
+    nodes = [node for found in modules.values() for node in found.values()]
+    protocols = [
+        {method.name for method in node.body if isinstance(method, ast.FunctionDef) and ast.get_docstring(method)}
+        for node in nodes
+        if isinstance(node, ast.ClassDef) and "Protocol" in [ast.unparse(base).split("[")[0] for base in node.bases]
+    ]
+    undocumented: list[str] = []
+    for module, found in modules.items():
+        for name, node in found.items():
+            if ast.get_docstring(node):
+                continue
+            try:
+                inherited = "." in name and isinstance(node, ast.FunctionDef)
+                inherited = inherited and _has_the_docstring_of_a_base(module, name, protocols)
+            except ModuleNotFoundError:
+                continue  # an extra that is not installed
+            if not inherited:
+                undocumented.append(f"{module}.{name}")
+    assert not undocumented
+
+
+API_NAMES = [
+    name
+    for page in sorted((ROOT / "docs/api").glob("*.md"))
+    for name in re.findall("^::: (.+)", page.read_text(), re.M)
+]
+
+
+def _documented_methods(found: type) -> Iterator[Any]:
+    """The functions of the public methods and properties that a class defines and documents itself."""
+    for name, member in vars(found).items():
+        function = inspect.unwrap(getattr(member, "fget", None) or getattr(member, "__func__", member))
+        if inspect.isfunction(function) and function.__doc__ and not name.startswith("_"):
+            yield function
+
+
+@pytest.mark.parametrize("name", API_NAMES)
+def test_docs__list_arguments_results_and_errors_in_sections(name: str):
+    try:
+        found: Any = pkgutil.resolve_name(name)
+    except ModuleNotFoundError as missing:
+        pytest.skip(f"{missing.name} is not installed")
+    if inspect.isfunction(found):
+        text = inspect.getdoc(found) or ""
+        assert "Returns:" in text or inspect.signature(found).return_annotation == "None"
+        documented = [(found, text)]
+    else:
+        methods = list(_documented_methods(found)) if inspect.isclass(found) else []
+        documented = [(method, inspect.getdoc(method) or "") for method in methods]
+    if inspect.isclass(found) and not issubclass(found, Enum) and not inspect.isabstract(found):
+        constructor = "" if found.__init__ is object.__init__ else inspect.getdoc(found.__init__) or ""
+        text = f"{inspect.getdoc(found)}\n{constructor}"
+        if found.__init__ is not object.__init__ and not issubclass(found, Exception):
+            assert re.search("^(Args|Attributes):", text, re.M) or getattr(found, "_is_protocol", False)
+        assert not re.search(r"\bRaises [A-Z]", text)
+    for function, text in documented:
+        assert "Args:" in text or not set(inspect.signature(function).parameters) - {"self", "cls"}, function
+        assert not re.search(r"\bRaises [A-Z]", text), function
 
 
 def test_extras__named_in_code_exist():

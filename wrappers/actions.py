@@ -33,6 +33,9 @@ class ActionMask(EnvWrapper[MaskInfo]):
 
     Legality takes account of the environment's grid, placement search and snapping, and of wrapped wrappers that
     narrow the mask, such as StopForcing.
+
+    Args:
+        env: The environment to wrap.
     """
 
     transformation_class = MaskInfo
@@ -90,13 +93,19 @@ class Forcing(Transformation):
 class StopForcing(EnvWrapper[Forcing]):
     """Makes the agent STOP in every state where STOP succeeds. For training only.
 
-    mode "mask" (the paper): `action_masks()`, and info["action_mask"] of a wrapped ActionMask, allow only STOP there.
-    mode "replace" (the release): any action becomes STOP there; info["forced_stop"] is whether the last action was
-    replaced.
-    mode "observe", for learners such as PPO+SF that take STOP themselves, but with the log-probability that it has
-    unforced: adds "forced" to observations, int8 (1,), 1 where STOP succeeds. The policy must not see it.
-    Raises ValueError for evaluation splits unless `allow_evaluation`, since evaluation is without stop forcing.
     Source: docs/spec.md, "Stop forcing" (PPO+SF).
+
+    Args:
+        env: The environment to wrap.
+        mode: "mask" (the paper): `action_masks()`, and info["action_mask"] of a wrapped ActionMask, allow only STOP
+            there. "replace" (the release): any action becomes STOP there; info["forced_stop"] is whether the last
+            action was replaced. "observe", for learners such as PPO+SF that take STOP themselves, but with the
+            log-probability that it has unforced: adds "forced" to observations, int8 (1,), 1 where STOP succeeds. The
+            policy must not see it.
+        allow_evaluation: Allow evaluation splits, although evaluation is without stop forcing.
+
+    Raises:
+        ValueError: For evaluation splits unless `allow_evaluation`, and for another `mode`.
     """
 
     transformation_class = Forcing
@@ -169,10 +178,16 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
     """Takes actions in the released array form, MultiDiscrete: [type, box, colour] for Tower, [type, x, y, shape,
     colour, size] for Scatter. Slots that an action type does not use may have any value, such as the release's -1.
 
-    `masks="numbers"`: `action_masks()` has one flag per action index, as without this wrapper. `masks="slots"`, as
-    MaskablePPO expects: (sum of slot sizes,), one flag per value of each slot, false if no legal action has it;
-    combinations of such values may still be illegal. Raises ValueError for other `masks`, and ActionError in `step`
-    for an array of the wrong shape or a value out of range.
+    `step` raises ActionError for an array of the wrong shape or a value out of range.
+
+    Args:
+        env: The environment to wrap.
+        masks: "numbers": `action_masks()` has one flag per action index, as without this wrapper. "slots", as
+            MaskablePPO expects: (sum of slot sizes,), one flag per value of each slot, false if no legal action has it;
+            combinations of such values may still be illegal.
+
+    Raises:
+        ValueError: For other `masks`.
     """
 
     transformation_class = ArrayDecoding

@@ -67,8 +67,12 @@ class StructuredObservation(EnvWrapper[Items]):
 
     "item_array": int16 (3, C, 5), by box, left to right, each item's x, y (pixels from the box's top-left corner),
     shape, colour and size, in the order added, -1 in empty slots. C, the most items a box can have, depends on the
-    split and the horizon; `slots` sets a larger one. "present": int8 (3, C), 1 for filled slots. `keep_image` keeps
-    "image" as well.
+    split and the horizon. "present": int8 (3, C), 1 for filled slots.
+
+    Args:
+        env: The environment to wrap.
+        keep_image: Keep "image" as well.
+        slots: A larger C.
     """
 
     transformation_class = Items
@@ -141,7 +145,10 @@ class GridPlanes(EnvWrapper[Planes]):
 
     Planes 0 .. 2 count the circles, squares and triangles centred in each cell, 3 .. 5 the yellow, black and blue
     items, 6 .. 8 the small, medium and large ones. Plane 9 is 1 where an item's bounding square overlaps the cell.
-    `keep_image` keeps "image" as well.
+
+    Args:
+        env: The environment to wrap.
+        keep_image: Keep "image" as well.
     """
 
     transformation_class = Planes
@@ -162,7 +169,11 @@ class Channels(Format):
 
 
 class ChannelsFirst(EnvWrapper[Channels]):
-    """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
+    """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels.
+
+    Args:
+        env: The environment to wrap.
+    """
 
     transformation_class = Channels
 
@@ -208,9 +219,14 @@ class Tokens(Format):
 class TokenizedStatement(EnvWrapper[Tokens]):
     """Replaces "statement" by token ids, int64 (length,): 0 is padding, 1 any unknown word.
 
-    `vocabulary`: a Vocabulary or the path of a saved one; None: the words of the corpus's train split.
-    `length`: None: the longest statement of the train split and a quarter more.
-    Raises ValueError if a statement of the environment's tasks is longer, unless `truncate`.
+    Args:
+        env: The environment to wrap.
+        vocabulary: A Vocabulary or the path of a saved one; None: the words of the corpus's train split.
+        length: Number of ids; None: the longest statement of the train split and a quarter more.
+        truncate: Cut longer statements.
+
+    Raises:
+        ValueError: If a statement of the environment's tasks is longer, unless `truncate`.
     """
 
     transformation_class = Tokens
@@ -227,6 +243,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
 
     @property
     def vocabulary(self) -> Vocabulary:
+        """The words that token ids stand for."""
         return self.transformation.arrays.vocabulary
 
 
@@ -278,9 +295,12 @@ class Embedding(Format):
 class StatementEmbedding(EnvWrapper[Embedding]):
     """Replaces "statement" by the encoder's embedding, float32 (D,), computed once per statement.
 
-    `encoder`: a function from a statement to D numbers, or an object with sentence-transformers' `encode`. `limit`: the
-    largest absolute value allowed, the bound of the space. The wrapped environment's spec holds the encoder object, so
-    it cannot be converted to JSON.
+    The wrapped environment's spec holds the encoder object, so it cannot be converted to JSON.
+
+    Args:
+        env: The environment to wrap.
+        encoder: A function from a statement to D numbers, or an object with sentence-transformers' `encode`.
+        limit: The largest absolute value allowed, the bound of the space.
     """
 
     transformation_class = Embedding
@@ -303,7 +323,11 @@ class Countdown(Format):
 
 
 class StepsLeft(EnvWrapper[Countdown]):
-    """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
+    """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack.
+
+    Args:
+        env: The environment to wrap.
+    """
 
     transformation_class = Countdown
 
@@ -339,7 +363,11 @@ class FlatObservation(EnvWrapper[Flattening]):
     """Flattens the observation to one float32 vector: the parts in alphabetical order, Discrete ones one-hot. Image
     values and token ids keep their scale.
 
-    Raises WrongEnvironment for a text statement.
+    Args:
+        env: The environment to wrap.
+
+    Raises:
+        WrongEnvironment: For a text statement.
     """
 
     transformation_class = Flattening

@@ -54,7 +54,12 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
 
     def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
-        """`settings`: recorded in the spec and passed to the transformation."""
+        """Makes the transformation.
+
+        Args:
+            env: The environment to wrap.
+            settings: Recorded in the spec and passed to the transformation.
+        """
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)  # an encoder can be large
         gym.Wrapper.__init__(self, env)
         description = description_of(env, type(self).__name__)

@@ -276,11 +276,18 @@ class TextObservation(EnvWrapper[TextFormat]):
     """Turns the observation into text: the statement, target, actions left, rewards, every item, and the legal actions
     with names and numbers (by cell, if there are more than 64).
 
-    `parse_action(reply)` parses an agent's reply to an action index. `default`: the name or number of the action for
-    replies without a clear choice. `scene`: "list", "image" for a picture instead, or "both" for a picture and a list;
-    pictures are in info["images"], a list of one PIL image of 380 x 100 pixels. `legal_actions`: False omits the list.
-    `thoughts`: tags of thoughts, which are not read (`replies.THOUGHTS`). Raises ValueError for another `scene` or a
-    `default` that is not an action.
+    `parse_action(reply)` parses an agent's reply to an action index.
+
+    Args:
+        env: The environment to wrap.
+        default: The name or number of the action for replies without a clear choice.
+        scene: "list", "image" for a picture instead, or "both" for a picture and a list; pictures are in
+            info["images"], a list of one PIL image of 380 x 100 pixels.
+        legal_actions: False omits the list of legal actions.
+        thoughts: Tags of thoughts, which are not read (`replies.THOUGHTS`).
+
+    Raises:
+        ValueError: For another `scene` or a `default` that is not an action.
     """
 
     transformation_class = TextFormat
@@ -297,9 +304,10 @@ class TextObservation(EnvWrapper[TextFormat]):
         super().__init__(env, default=default, scene=scene, legal_actions=legal_actions, thoughts=thoughts)
 
     def parse_action(self, reply: object) -> Reply:
-        """The action that `reply` chooses, a text or content parts, and whether it was understood.
+        """The action that a reply chooses, and whether it was understood. `wrappers.replies` has the rules.
 
-        `wrappers.replies` has the rules.
+        Args:
+            reply: A text or content parts.
         """
         return self.transformation.parse(reply, self.action_masks)
 

@@ -26,6 +26,9 @@ class BoxPermutation(EnvWrapper[TaskChange]):
     tasks start empty, so they stay the same. For training only: `evaluation_tasks()` includes the permuted tasks.
 
     Must be applied before all other wrappers but NLVRReward.
+
+    Args:
+        env: The environment to wrap.
     """
 
     transformation_class = partial(TaskChange, change=with_permuted_boxes)
@@ -36,9 +39,15 @@ class NLVRReward(EnvWrapper[TaskChange]):
     value: the same items at the same positions in the same boxes, in any order. No program is run.
 
     Reward, outcome, `goal_reached()` and stop forcing are all affected. For the Scratch configurations; the scenes are
-    the start scenes of the FlipIt tasks of the same corpus and split. Raises CorpusError for FlipIt.
+    the start scenes of the FlipIt tasks of the same corpus and split.
 
     Must be applied before all other wrappers but BoxPermutation. Source: docs/spec.md, "NLVR reward".
+
+    Args:
+        env: The environment to wrap.
+
+    Raises:
+        CorpusError: For FlipIt.
     """
 
     transformation_class = partial(TaskChange, change=matching_corpus)
@@ -80,9 +89,17 @@ class PotentialShaping(EnvWrapper[Shaping]):
     any other minus the return it loses. Each episode's return is reduced by the potential of its start. Infos keep the
     environment's reward as "unshaped_reward". Not for the proposer-verifier game.
 
-    The expert solves every state visited: about 0.1 ms in Tower, 1 ms in Scatter, sometimes much more. `budget`: scenes
-    it may examine per state, None for its default; a state that it cannot solve counts as lost.
-    Raises ValueError for a discount outside 0 .. 1 or a budget below 1. Source: Ng, Harada, Russell 1999.
+    The expert solves every state visited: about 0.1 ms in Tower, 1 ms in Scatter, sometimes much more.
+    Source: Ng, Harada, Russell 1999.
+
+    Args:
+        env: The environment to wrap.
+        discount: The learner's discount, 0 .. 1.
+        budget: Scenes that the expert may examine per state, None for its default; a state that it cannot solve counts
+            as lost.
+
+    Raises:
+        ValueError: For a discount outside 0 .. 1 or a budget below 1.
     """
 
     transformation_class = Shaping

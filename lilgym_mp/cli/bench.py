@@ -132,6 +132,7 @@ class Player(NamedTuple):
 
 @contextmanager
 def copying(workload: Workload, num_envs: int) -> Iterator[Player]:
+    """Copies one image per environment into new memory: the upper bound that rates are compared with."""
     image = workload.settings.make(SPLIT).reset(seed=0)[0]["image"]
     count = -(-2_048 // num_envs)
     yield Player(count * num_envs, lambda: None, [(np.repeat(image[None], num_envs, 0).copy,)] * count)
@@ -139,6 +140,7 @@ def copying(workload: Workload, num_envs: int) -> Iterator[Player]:
 
 @contextmanager
 def single(workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
+    """Plays one environment of `gym.make` after another; with `masks`, asks for the mask before every action."""
     with closing(gym.make(workload.id, **workload.arguments)) as env:
         before: list[Call] = [(env.get_wrapper_attr("action_masks"),)] if masks else []
         episodes = workload.episodes(0, num_envs)
@@ -150,6 +152,7 @@ def single(workload: Workload, num_envs: int, masks: bool = False) -> Iterator[P
 
 @contextmanager
 def vector(make: Any, workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
+    """Plays the batch that `make` gives; with `masks`, asks for all masks before every step."""
     with closing(make(workload.id, num_envs, **workload.arguments)) as env:
         rows, steps = workload.rows(num_envs, env.metadata["autoreset_mode"])
         before: list[Call] = [(env.action_masks,)] if masks else []
@@ -224,6 +227,7 @@ GROUPS = list(dict.fromkeys(case.group for case in cases([1]) if case.group != C
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp bench`."""
     names = " and ".join(QUICK)
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to measure (default: all)")
     add_configuration(parser, several=True)
@@ -235,6 +239,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Prints one table per configuration: steps per second and memory of every way to play it."""
     names = args.configuration or (QUICK if args.quick else BUILTIN_CONFIGURATIONS)
     if min(args.num_envs) < 1:
         raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")

@@ -32,6 +32,7 @@ INVALID_CORPUS = 1  # exit code of `check`
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the actions of `lilgym-mp data`, each with its own options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
 
     def add(name: str, run: Callable[[argparse.Namespace], int], summary: str) -> argparse.ArgumentParser:

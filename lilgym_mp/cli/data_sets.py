@@ -34,6 +34,7 @@ PARTS = {MIXED: (EXPERT, MEDIUM, RANDOM)}  # of mixed qualities, each with as ma
 
 
 def add_actions(add: Add) -> None:
+    """Adds the actions that write and describe data sets of episodes."""
     collect = add("collect", _collect, "let the expert or agents play, and write a data set of their episodes")
     add_configuration(collect)
     add_split(collect, "train")

@@ -67,6 +67,7 @@ SHOWN_TASKS = 5  # of those that the expert does not solve
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp evaluate`."""
     parser.add_argument(
         "agents",
         nargs="*",
@@ -147,6 +148,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Evaluates agents and policies, prints a table, and writes what --out and --record name."""
     check_at_least(args, 0, "seed")
     check_at_least(args, 1, "passes", "threads")
     if args.record is None and (args.optimal or args.record_decisions):

@@ -42,6 +42,7 @@ Player = tuple[str, Partner]  # one side of the game, and its name: a run's path
 
 
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
+    """Plays the two-agent game with every pair of agents; returns the exit status."""
     unused = [name for name in ("policy", "record", "name") if getattr(args, name)]
     if args.passes > 1:
         unused.append("passes")

@@ -26,6 +26,7 @@ RESULTS = Path("results")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp experiment`."""
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
     )
@@ -47,6 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Lists or executes the runs of an experiment file; returns the exit status."""
     from lilgym_mp.cli.experiment_plan import OUT, read_plan
     from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, execute, make_attempts
     from lilgym_mp.envs.machine import usable_cores

@@ -28,6 +28,8 @@ HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps
 
 
 class RunStatus(StrEnum):
+    """State of one run of an experiment, as the table of its progress shows it."""
+
     WAITING = "waiting"
     TRAINING = "training"
     EVALUATING = "evaluating"

@@ -49,6 +49,7 @@ SENTENCE_COLUMNS = ("sentence", "statement")  # of a CSV file, the first that it
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp explain`."""
     parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as 'There is a blue block.'")
     parser.add_argument(
         "--task", metavar="ID", help="task that provides the start scene, the target and, by default, the statement"
@@ -90,6 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Prints how an agent reads a statement and plans for it, or how a program evaluates on a scene."""
     if args.program is not None:
         return _explain_program(args)
     import torch

@@ -51,6 +51,7 @@ HOPELESS = 3  # failed episodes, or as many as are played at the same time, afte
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp llm play`."""
     add_configuration(parser)
     parser.add_argument(
         "--agent", required=True, metavar="NAME", help="openai, transformers, expert, or your own module:Class"
@@ -105,6 +106,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Plays episodes with a language model, writes transcripts and prints a summary."""
     from lilgym_mp.contrib.llm import Player, make_agent, summarise
     from lilgym_mp.wrappers.replies import THOUGHTS
 

@@ -19,6 +19,7 @@ from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp llm prompts`."""
     parser.add_argument("--kind", required=True, metavar="KIND", help="plan, truth, verify or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
@@ -40,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Writes prompts with verifiable answers as JSON lines."""
     from lilgym_mp.contrib.rlvr import expert_reply, messages_of, rows
 
     check_at_least(args, 1, "episodes")

@@ -26,6 +26,7 @@ MISSING = "missing"  # the outcome of a prompt without a reply
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp llm score`."""
     parser.add_argument("prompts", type=Path, metavar="FILE", help="written by lilgym-mp llm prompts")
     parser.add_argument(
         "--answers",
@@ -40,6 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Scores replies to prompts written by `lilgym-mp llm prompts`, and prints a summary."""
     from lilgym_mp.contrib.rlvr import score
     from lilgym_mp.wrappers.replies import THOUGHTS
 

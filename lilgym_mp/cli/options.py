@@ -125,6 +125,7 @@ def add_configuration(
 
 
 def add_split(parser: argparse.ArgumentParser, default: str) -> None:
+    """Adds --split for commands that read a single split."""
     parser.add_argument(
         "--split", choices=list(SPLITS), default=default, help=f"split of the corpus (default: {default})"
     )
@@ -153,7 +154,7 @@ def add_thoughts(parser: argparse.ArgumentParser) -> None:
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:
-    """Where networks run; `learning.model_file` rejects devices that are not available."""
+    """Where networks run; `learning.common.model_file` rejects devices that are not available."""
     parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
     add_number(parser, "--threads", 1, "CPU threads")
 

@@ -44,6 +44,7 @@ SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], "both": AGENTS}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp play`."""
     add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
     parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
@@ -61,6 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Lets a person play episodes, or one side of the game, in the terminal."""
     settings = EnvConfig(**given_settings(args))
     split = split_of(settings, args.split, args.task)
     if args.protocol or args.side or args.partner:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp report`."""
     parser.add_argument(
         "paths",
         nargs="+",
@@ -22,6 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Writes the report and prints where it is."""
     from lilgym_mp.contrib.report import make_report
 
     print(f"report: {make_report(args.paths, args.out)}")

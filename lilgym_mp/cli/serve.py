@@ -28,6 +28,7 @@ DATABASE = Path("lilgym-web.sqlite3")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp serve`."""
     parser.add_argument(
         "--host",
         default="127.0.0.1",
@@ -63,6 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Serves the pages until interrupted; visitors from other machines need a token."""
     from lilgym_mp.contrib.web.app import create_app
     from lilgym_mp.contrib.web.app_services import LOOPBACK_HOSTS, ServeOptions
 

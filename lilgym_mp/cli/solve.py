@@ -56,6 +56,7 @@ class TaskReport(NamedTuple):
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `lilgym-mp solve`."""
     add_configuration(parser, several=True)
     parser.add_argument(
         "--split", nargs="+", choices=list(SPLITS), help="splits of the corpus (default: the tasks', else dev)"
@@ -76,6 +77,7 @@ def add_solving(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Solves all tasks of the chosen splits, or those named by --task, and prints what it found."""
     check_at_least(args, 1, "episodes")
     if args.out is not None:
         fresh_file(args.out, force=args.force)

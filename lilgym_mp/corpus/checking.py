@@ -36,6 +36,7 @@ class CorpusReport:
 
     @property
     def ok(self) -> bool:
+        """Whether the corpus has no faults."""
         return not self.faults
 
     def __str__(self) -> str:
@@ -50,9 +51,16 @@ class CorpusReport:
 
 
 def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
-    """Validates all of a corpus; `corpus` as for `load_tasks`.
+    """Validates all of a corpus.
 
-    Raises CorpusError only when the corpus does not exist or cannot be generated.
+    Args:
+        corpus: As for `load_tasks`.
+
+    Returns:
+        The faults in file order, counts of tasks, and missing released files.
+
+    Raises:
+        CorpusError: Only when the corpus does not exist or cannot be generated.
     """
     if is_generated(corpus) or is_split(corpus):
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())

@@ -11,7 +11,11 @@ Checked = TypeVar("Checked")
 
 
 class CorpusError(ValueError):
-    """A corpus cannot be used. The message names the file, the line or entry, and the fault, and is safe to print."""
+    """A corpus cannot be used. The message names the file, the line or entry, and the fault, and is safe to print.
+
+    Args:
+        message: The text; characters that cannot be printed are escaped.
+    """
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))

@@ -28,13 +28,24 @@ _LOADING = threading.Lock()
 
 
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
-    """The validated tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
+    """The validated tasks of one configuration and split.
 
-    `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL:SEED", a split such as "builtin:form", or the
-    path of a corpus file, a file of lists or a directory of released files. Task sets are cached until their file
-    changes; callers in several threads wait for one of them to load a set.
-    Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks, ValueError for an unknown
-    appearance, start or split.
+    Task sets are cached until their file changes; callers in several threads wait for one of them to load a set.
+
+    Args:
+        corpus: "builtin", "lilgym" (the official one), "generated:LEVEL:SEED", a split such as "builtin:form", or the
+            path of a corpus file, a file of lists or a directory of released files.
+        appearance: "tower" or "scatter", or the name of another appearance.
+        start: "scratch" or "flipit".
+        split: The split's name.
+
+    Returns:
+        The tasks, in file order.
+
+    Raises:
+        CorpusError: For an unusable corpus; the message names file, entry and fault.
+        NoTasksError: When there are no tasks.
+        ValueError: For an unknown appearance, start or split.
     """
     choose("appearance", appearance, APPEARANCES)
     choose("start", start, STARTS)

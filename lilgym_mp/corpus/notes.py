@@ -32,5 +32,6 @@ def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
 
 
 def write_note(line: str) -> None:
+    """Writes a line to standard error at once."""
     sys.stderr.write(f"{line}\n")
     sys.stderr.flush()

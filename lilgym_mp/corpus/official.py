@@ -36,6 +36,7 @@ SILENCE = 30.0  # seconds without a byte after which a try has failed
 
 
 def released_name(appearance: str, start: str, split: str) -> str:
+    """The name of a file of the official release."""
     return f"{appearance}_{start}_{split}.json"
 
 

@@ -42,6 +42,7 @@ class ScenePool:
 
     @classmethod
     def sample(cls, appearance: str, rng: random.Random, walks: int) -> ScenePool:
+        """The scenes of random walks and all their successors, without duplicates."""
         found = tuple(islice(random_walks(appearance, rng), walks))
         scenes = dict.fromkeys(
             scene for walk in found for expansion in walk for scene in (expansion.scene, *expansion.successors)

@@ -52,6 +52,7 @@ class WordLists(NamedTuple):
 
 @cache
 def word_lists() -> WordLists:
+    """The lists in data/spelling.txt; numbers count as well spelt."""
     _, *lists = (files("lilgym_mp.data") / "spelling.txt").read_text(encoding="ascii").split("#")
     well_spelt, *others = (frozenset(text.split("\n", 1)[1].split()) for text in lists)
     return WordLists(well_spelt | NUMBERS.keys(), *others)

@@ -38,7 +38,12 @@ class Provenance:
 
 
 class TaskSet(Sequence[Task]):
-    """The tasks of one configuration and split, in file order; immutable and shared."""
+    """The tasks of one configuration and split, in file order; immutable and shared.
+
+    Args:
+        tasks: The tasks; their ids must differ.
+        provenance: Where they come from.
+    """
 
     __slots__ = ("_indices", "_tasks", "provenance")
 
@@ -53,11 +58,25 @@ class TaskSet(Sequence[Task]):
         return tuple(self._indices)
 
     def by_id(self, task_id: object) -> Task:
-        """The task with that id, "1757" or 1757. Raises ValueError naming the id, the task set and similar ids."""
+        """The task with an id.
+
+        Args:
+            task_id: Such as "1757" or 1757.
+
+        Raises:
+            ValueError: Naming the id, the task set and similar ids.
+        """
         return self._tasks[self.index_of(task_id)]
 
     def index_of(self, task_id: object) -> int:
-        """The index of the task with that id, "1757" or 1757. Raises ValueError as `by_id` does."""
+        """The index of the task with an id.
+
+        Args:
+            task_id: Such as "1757" or 1757.
+
+        Raises:
+            ValueError: As `by_id`.
+        """
         name: Any = cast("Any", task_id).item() if getattr(task_id, "shape", None) == () else task_id
         if not isinstance(name, (str, *BOOLEANS)):
             with suppress(TypeError):
@@ -69,7 +88,11 @@ class TaskSet(Sequence[Task]):
         return index
 
     def find(self, task: Task) -> int | None:
-        """The index of `task`, None if it is not one of these tasks, even if one has its id."""
+        """The index of a task, None if it is not one of these tasks, even if one has its id.
+
+        Args:
+            task: The task.
+        """
         index = self._indices.get(task.id)
         return index if index is not None and self._tasks[index] == task else None
 

@@ -55,7 +55,14 @@ def statement_form(statement: str) -> str:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """A mapping from words to token ids: 0 is padding, 1 unknown, then the words in the given order."""
+    """A mapping from words to token ids: 0 is padding, 1 unknown, then the words in the given order.
+
+    Args:
+        words: The words, all different.
+
+    Raises:
+        VocabularyError: For duplicate words.
+    """
 
     words: tuple[str, ...]
     _ids: dict[str, int] = field(init=False, repr=False, compare=False)
@@ -70,7 +77,11 @@ class Vocabulary:
 
     @classmethod
     def from_statements(cls, statements: Iterable[str]) -> Vocabulary:
-        """The vocabulary of all words in the statements, sorted."""
+        """The vocabulary of all words in the statements, sorted.
+
+        Args:
+            statements: The statements.
+        """
         return cls(tuple(sorted({word for statement in statements for word in words(statement)})))
 
     def __len__(self) -> int:
@@ -78,10 +89,20 @@ class Vocabulary:
         return FIRST_WORD + len(self.words)
 
     def token_id(self, word: str) -> int:
+        """The id of a word, or UNKNOWN.
+
+        Args:
+            word: The word, in lower case.
+        """
         return self._ids.get(word, UNKNOWN)
 
     def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:
-        """The statement's token ids, shape (length,), padded or truncated at the end."""
+        """The statement's token ids, int64 (length,), padded or truncated at the end.
+
+        Args:
+            statement: The statement.
+            length: The number of ids.
+        """
         if length < 1:
             raise VocabularyError(f"length must be at least 1, not {length}")
         ids = [self.token_id(word) for word in words(statement)[:length]]
@@ -90,11 +111,19 @@ class Vocabulary:
         return encoded
 
     def decode(self, token_ids: Iterable[int]) -> list[str]:
-        """The words of the token ids, "?" for unknown; padding is skipped."""
+        """The words of the token ids, "?" for unknown; padding is skipped.
+
+        Args:
+            token_ids: The ids.
+        """
         return [self._word(int(token_id)) for token_id in token_ids if int(token_id) != PAD]
 
     def statement(self, token_ids: Iterable[int]) -> str:
-        """A statement that `encode` turns into these token ids."""
+        """A statement that `encode` turns into these token ids.
+
+        Args:
+            token_ids: The ids.
+        """
         unknown = "x" * (1 + max(map(len, self.words), default=0))  # longer than any word of the vocabulary
         return " ".join(unknown if word == "?" else word for word in self.decode(token_ids))
 
@@ -106,13 +135,24 @@ class Vocabulary:
         return self.words[token_id - FIRST_WORD]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the vocabulary as JSON."""
+        """Writes the vocabulary as JSON.
+
+        Args:
+            path: The file.
+        """
         content = {"format": FORMAT, "version": VERSION, "words": list(self.words)}
         Path(path).write_text(json.dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
-        """Reads a vocabulary written by `save`. Raises VocabularyError naming the file and the fault."""
+        """Reads a vocabulary written by `save`.
+
+        Args:
+            path: The file.
+
+        Raises:
+            VocabularyError: Naming the file and the fault.
+        """
         try:
             content: Any = json.loads(Path(path).read_text(encoding="utf-8-sig"))
             kind = (content["format"], content["version"])

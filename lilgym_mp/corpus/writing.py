@@ -61,7 +61,14 @@ def write_corpus(
     licence: str,
     entries: Iterable[Mapping[str, object]],
 ) -> None:
-    """Writes a corpus file, gzipped if `path` ends in .gz; equal entries give equal bytes."""
+    """Writes a corpus file; equal entries give equal bytes.
+
+    Args:
+        path: The file, gzipped if its name ends in .gz.
+        name: The corpus's name.
+        licence: Its licence.
+        entries: One statement with its scenes each, in the form of corpus files.
+    """
     write_lines(Path(path), (header_json(name, licence), *entries))
 
 

@@ -20,7 +20,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
-from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer, warn_of_no_mode
+from lilgym_mp.envs.interface import RENDER_FPS, TaskEnvironment, make_renderer, warn_of_no_mode
 from lilgym_mp.envs.keywords import refuse_old_id
 from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
@@ -49,6 +49,7 @@ class ResultTable(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics) -> ResultTable:
+        """The table of all step results of the dynamics, in its order; a last row stands for no result."""
         rows = [
             (one.reward, one.terminated, one.truncated, str(one.outcome) if one.ends else None, one.outcome)
             for one in dynamics.step_results
@@ -58,8 +59,15 @@ class ResultTable(NamedTuple):
         return cls(np.array(rewards), np.array(terminated), np.array(truncated), np.array(endings, object), successes)
 
 
-class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any]):
-    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too."""
+class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any]):
+    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too.
+
+    Args:
+        settings: The environments and how they are observed.
+        buffers: The arrays that the environments write their results into, with N rows.
+        render_mode: As for a single environment.
+        copy: Whether returned images are copies.
+    """
 
     metadata: dict[str, Any] = {
         "render_modes": list(RENDER_MODES),
@@ -132,9 +140,12 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         return [method(self._engine, *arguments)]
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
-        """Replaces the tasks by `change(tasks)` from the next reset on, which must reset all environments.
+        """Replaces the tasks from the next reset on, which must reset all environments.
 
         The observation space does not change, so that statements and numbers of items must fit it.
+
+        Args:
+            change: A function from the tasks to the new ones.
         """
         self._check_open()
         self._set_tasks(change(self.tasks))
@@ -165,11 +176,18 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observations, Infos]:
-        """Resets every environment, or those where `options["reset_mask"]`, (N,) bool, is true.
+        """Resets every environment, or those chosen.
 
-        `seed`: an int s seeds environment i with s + i, a sequence seeds each, None keeps the generators.
-        `options["task"]`: a task id or `Task` for all environments, or one for each (None: drawn at random).
-        Raises ValueError for a wrong option, seed or task, before anything changes.
+        Args:
+            seed: An int s seeds environment i with s + i, a sequence seeds each, None keeps the generators.
+            options: "reset_mask", bool (N,): environments to reset. "task": a task id or `Task` for all environments,
+                or one for each (None: drawn at random).
+
+        Returns:
+            The observations, and infos.
+
+        Raises:
+            ValueError: For a wrong option, seed or task, before anything changes.
         """
         self._check_open()
         options = checked_options(options, RESET_OPTIONS)
@@ -243,10 +261,17 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         return tuple(self._seeds)
 
     def step(self, actions: Any) -> tuple[Observations, Float64Array, BoolArray, BoolArray, Infos]:
-        """`actions`: (N,) integers; environments about to be reset ignore theirs.
+        """Takes one action in each environment.
 
-        Raises ActionError for a wrong shape, type or action, ResetNeeded before the first reset and, without
-        autoreset, when an episode has ended.
+        Args:
+            actions: (N,) integers; environments about to be reset ignore theirs.
+
+        Returns:
+            Observations, rewards (N,), terminated (N,), truncated (N,) and infos.
+
+        Raises:
+            ActionError: For a wrong shape, type or action.
+            ResetNeeded: Before the first reset and, without autoreset, when an episode has ended.
         """
         self._check_started()  # also checks that the environment is open, before anything is written
         self._draw_on_its_own()
@@ -398,11 +423,15 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         return list(zip(snapshots, self._seeds, strict=True))
 
     def restore_state(self, state: Sequence[tuple[EnvSnapshot, int | None]]) -> None:
-        """Continues from a `save_state()` of a batch of this configuration, or from N of its elements in any order:
-        `[state[0]] * N` puts all environments into the state of the first.
+        """Continues from a `save_state()` of a batch of this configuration.
 
-        Raises ValueError unless there are N, for a batch of other scenes, rules or horizon, and for tasks that do not
-        fit this batch.
+        Args:
+            state: The snapshot, or N of its elements in any order: `[state[0]] * N` puts all environments into the
+                state of the first.
+
+        Raises:
+            ValueError: Unless there are N, for a batch of other scenes, rules or horizon, and for tasks that do not fit
+                this batch.
         """
         self._check_open()
         if len(state) != self.num_envs:
@@ -420,7 +449,11 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self._is_started = True
 
     def last_states(self, env_ids: Int64Array) -> list[State]:
-        """The final states of the episodes that ended last in environments (k,) (autoreset mode SAME_STEP)."""
+        """The final states of the episodes that ended last (autoreset mode SAME_STEP).
+
+        Args:
+            env_ids: int64 (k,), the environments.
+        """
         self._check_open()
         buffers = self._buffers
         tasks = [self._indexed[task] for task in buffers.last_task[env_ids].tolist()]
@@ -452,13 +485,20 @@ class BatchedEnv(LilGymVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the fields of `engine.BatchSettings`: those of a single environment, and two more.
+        """Makes all environments; `reset` draws their first tasks.
 
-        `copy`: whether returned images are copies; otherwise they are valid until the next call.
-        `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
-        `evaluation`: play every task of the split once, in file order across the batch, instead of random tasks. An
-        environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
-        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        Args:
+            num_envs: The number of environments, N.
+            render_mode: As for a single environment.
+            copy: Whether returned images are copies; otherwise they are valid until the next call.
+            settings: The fields of `engine.BatchSettings`: those of a single environment, and two more.
+                `autoreset_mode`: Gymnasium's, NEXT_STEP by default. `evaluation`: play every task of the split once, in
+                file order across the batch, instead of random tasks. An environment with none left repeats one, with
+                "repeated" true in its infos; see `evaluation_finished`.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+            CorpusError: For unusable data (a ValueError).
         """
         checked = BatchSettings.of({"num_envs": num_envs, **settings}, "render_mode", "copy")
         buffers = Buffers.new(checked.array_specs())

@@ -22,6 +22,8 @@ ALIGNMENT = 64  # bytes: each array starts on its own cache line
 
 
 class ArraySpec(NamedTuple):
+    """Shape and type of an array in shared memory."""
+
     shape: tuple[int, ...]
     dtype: Any
 
@@ -66,6 +68,7 @@ class Buffers:
         return Buffers(**{name: array[first:stop] for name, array in self.arrays()})
 
     def arrays(self) -> Iterator[tuple[str, Any]]:
+        """Pairs of a field's name and its array, in the order of the fields."""
         return ((each.name, getattr(self, each.name)) for each in fields(self))
 
     @classmethod

@@ -67,7 +67,21 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The identity of an environment; all but the split and the image size is part of the identity of a run."""
+    """The identity of an environment; all but the split and the image size is part of the identity of a run.
+
+    Args:
+        configuration: Its name, such as "TowerScratch", or a Gymnasium id, which becomes that name.
+        corpus: As for `load_tasks`.
+        rules: The rule set, "paper" or "release".
+        horizon: Actions per episode; None: the rule set's.
+        grid: Scatter's columns and rows, or a name.
+        split: The split of the tasks.
+        image_size: "half", (50, 190, 3), or "native", (100, 380, 3).
+
+    Raises:
+        ValueError: For an unknown configuration; the message names the choices. Values of other fields are checked when
+            they are used.
+    """
 
     configuration: str  # or a Gymnasium id, which becomes the configuration's name
     corpus: str = setting("builtin", CORPUS_HELP, kind=fixed_name)
@@ -88,8 +102,13 @@ class EnvConfig:
     def of(cls, given: Mapping[str, Any], *others: str) -> Self:
         """The configuration with these keywords; `appearance` and `start` may stand for `configuration`.
 
-        `others`: further keywords to name in errors. Raises TypeError for an unknown keyword, naming what replaces it
-        or the choices, ValueError for an unknown configuration.
+        Args:
+            given: The keywords.
+            others: Further keywords to name in errors.
+
+        Raises:
+            TypeError: For an unknown keyword; the message names what replaces it, or the choices.
+            ValueError: For an unknown configuration.
         """
         values = {name: value for name, value in given.items() if name != "configuration" or value is not None}
         parts = {name: values.pop(name) for name in ("appearance", "start") if name in values}
@@ -111,10 +130,12 @@ class EnvConfig:
 
     @property
     def appearance(self) -> str:
+        """Name of the appearance, the first part of the configuration's name."""
         return read_configuration(self.configuration)[0]
 
     @property
     def start(self) -> str:
+        """How episodes start, the second part of the configuration's name."""
         return read_configuration(self.configuration)[1]
 
     @property
@@ -123,11 +144,23 @@ class EnvConfig:
         return environment_id(self.appearance, self.start)
 
     def dynamics(self) -> Dynamics:
-        """The MDP's rules, without its tasks. Raises ValueError naming the value and the choices."""
+        """The MDP's rules, without its tasks.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+        """
         return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
 
     def tasks(self, split: str | None = None) -> TaskSet:
-        """The tasks of the split, by default its own. Raises CorpusError, ValueError for an unknown split."""
+        """The tasks of a split.
+
+        Args:
+            split: The split, by default its own.
+
+        Raises:
+            CorpusError: For unusable data.
+            ValueError: For an unknown split.
+        """
         return load_tasks(self.corpus, self.appearance, self.start, split or self.split)
 
     def values(self) -> dict[str, Any]:
@@ -139,19 +172,37 @@ class EnvConfig:
         return EnvConfig(self.configuration, **{name: getattr(self, name) for name in EnvConfig.settings()})
 
     def arguments(self, split: str | None = None) -> dict[str, Any]:
-        """The keyword arguments of `gymnasium.make`."""
+        """The keyword arguments of `gymnasium.make`.
+
+        Args:
+            split: The split, by default its own.
+        """
         return {**self.values(), "split": split or self.split}
 
     def make(self, split: str | None = None) -> LilGymEnv:
         """A new environment, without Gymnasium's own wrappers.
 
-        Raises ValueError naming the value and the choices, CorpusError for unusable data.
+        Args:
+            split: The split, by default its own.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+            CorpusError: For unusable data.
         """
         env = gym.make(self.id, disable_env_checker=True, **self.arguments(split))
         return cast("LilGymEnv", env.unwrapped)
 
     def make_batch(self, split: str, num_envs: int) -> BatchedEnv:
-        """Batched environments without autoreset, whose images are valid until the next step. Raises as `make`."""
+        """Batched environments without autoreset, whose images are valid until the next step.
+
+        Args:
+            split: The split of the tasks.
+            num_envs: The number of environments.
+
+        Raises:
+            ValueError: As `make`.
+            CorpusError: As `make`.
+        """
         own = {"num_envs": num_envs, "copy": False, "autoreset_mode": AutoresetMode.DISABLED}
         return cast("BatchedEnv", gym.make_vec(self.id, **own, **self.arguments(split)))
 
@@ -165,12 +216,22 @@ class EnvConfig:
         return words
 
     def to_json(self) -> dict[str, Any]:
+        """All values in types of JSON; `EnvConfig(**values)` gives the same settings."""
         values = {"configuration": self.configuration, **self.values()}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for unknown or missing keys, or types."""
+        """Inverse of `to_json`.
+
+        Args:
+            data: The values by name.
+
+        Raises:
+            ValueError: For an invalid value.
+            TypeError: For an unknown key, or a value of a wrong type.
+            KeyError: For a missing key.
+        """
         config = cls(**{"configuration": data["configuration"], **data})
         config.dynamics()
         return config

@@ -232,12 +232,15 @@ class Engine:
         return index
 
     def write_masks(self) -> None:
+        """Writes the masks of legal actions of all environments into the buffers."""
         self.core.write_masks()
 
     def write_goals(self) -> None:
+        """Writes into the buffers whether stopping now would succeed."""
         self.core.write_goals()
 
     def write_items(self) -> None:
+        """Writes the items of all scenes into the buffers."""
         self.core.write_items()
 
     def save(self) -> list[EnvSnapshot]:

@@ -26,8 +26,8 @@ RESET_OPTIONS = ("task",)
 UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
 
 
-class SharedInterface:
-    """Methods of single environments and batches."""
+class TaskEnvironment:
+    """Base class of single environments and batches: what they have beyond Gymnasium's interface."""
 
     dynamics: Dynamics
     tasks: TaskSet

@@ -40,9 +40,16 @@ def set_wrapper_attribute(env: AnyEnv, name: str, value: Any) -> None:
 
 
 def action_masks(env: AnyEnv) -> BoolArray:
-    """(actions,), or (N, actions) for a vector environment: which actions are legal, after any masking by wrappers.
+    """The legal actions, after any masking by wrappers.
 
-    Raises TypeError for an environment without masks.
+    Args:
+        env: A single or vector environment of this package, which may be wrapped.
+
+    Returns:
+        bool (actions,), or (N, actions) for a vector environment.
+
+    Raises:
+        TypeError: For an environment without masks.
     """
     try:
         return attribute(env, "action_masks")()

@@ -32,6 +32,8 @@ PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punct
 
 
 class Observation(TypedDict):
+    """What an agent sees of a scene, its statement and the truth to reach."""
+
     image: UInt8Array  # (50, 190, 3), or (100, 380, 3) at native size
     statement: str
     target: int  # 1: make the statement true, 0: make it false
@@ -44,6 +46,7 @@ def flat_space(space: spaces.Dict) -> spaces.Box:
 
 
 def image_space(image_size: str) -> spaces.Box:
+    """The space of images, uint8 (height, width, 3), of an image size by name."""
     return spaces.Box(0, 255, image_shape(image_size), np.uint8)
 
 

@@ -48,6 +48,7 @@ class Renderer:
         return None
 
     def close(self) -> None:
+        """Closes the window, if one is open; rendering opens another."""
         if self._window is not None:
             self._window.close()
             self._window = None
@@ -89,6 +90,7 @@ class Window:
         return Window, ()
 
     def show(self, frame: UInt8Array) -> None:
+        """Shows a frame (height, width, 3), and waits so that RENDER_FPS is not exceeded."""
         pygame = self._pygame
         size = (frame.shape[1], frame.shape[0])
         self._surface = pygame.display.get_surface()
@@ -104,6 +106,7 @@ class Window:
         self._clock.tick(RENDER_FPS)
 
     def close(self) -> None:
+        """Stops showing frames; the display is closed with the last window that shows any."""
         self._shown.discard(self)
         if not self._shown:
             self._pygame.display.quit()

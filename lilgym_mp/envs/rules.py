@@ -148,16 +148,24 @@ class Transition(NamedTuple):
 
     @property
     def outcome(self) -> Outcome:
+        """How the step ended or went on."""
         return self.result.outcome
 
     @property
     def reward(self) -> float:
+        """Reward of the step."""
         return self.result.reward
 
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """The MDP of one appearance under one rule set and horizon, as pure functions of states."""
+    """The MDP of one appearance under one rule set and horizon, as pure functions of states.
+
+    Args:
+        appearance: The kind of scenes and their actions.
+        rules: The rule set.
+        horizon: Actions per episode.
+    """
 
     appearance: Appearance
     rules: RuleSet
@@ -179,10 +187,20 @@ class Dynamics:
         object.__setattr__(self, "_of_edit", edits)
 
     def start(self, task: Task) -> State:
+        """The state in which the task's episode starts.
+
+        Args:
+            task: The task.
+        """
         return new_tuple(State, (task, task.start, 0))
 
     def step(self, state: State, action: Action) -> Transition:
-        """The transition that `action` causes. An invalid action is an outcome, never an exception."""
+        """The transition that an action causes. An invalid action is an outcome, never an exception.
+
+        Args:
+            state: The state before it.
+            action: The action.
+        """
         task, scene, steps = state
         steps += 1
         invalid = None
@@ -196,24 +214,45 @@ class Dynamics:
         return new_tuple(Transition, (moved, result, invalid))
 
     def wait(self, state: State) -> Transition:
-        """A step without an edit: rewarded and counted like a valid edit, so the horizon can end the episode."""
+        """A step without an edit: rewarded and counted like a valid edit, so the horizon can end the episode.
+
+        Args:
+            state: The state before it.
+        """
         steps = state.steps + 1
         result = self._of_edit[True][steps >= self.horizon]
         return Transition(State(state.task, state.scene, steps), result, None)
 
     def legal_mask(self, state: State) -> BoolArray:
-        """(action_count,) a new array: whether each action is valid in `state`."""
+        """bool (action_count,), a new array: whether each action is valid.
+
+        Args:
+            state: The state.
+        """
         return self.appearance.legal_mask(state.scene, self.rules.placement)
 
     def goal_reached(self, state: State) -> bool:
-        """Whether STOP would be rewarded +1 in `state`."""
+        """Whether STOP would be rewarded +1.
+
+        Args:
+            state: The state.
+        """
         return state.task.solved_by(state.scene)
 
 
 def make_dynamics(appearance: Appearance, rules: str = "paper", horizon: int | None = None) -> Dynamics:
-    """The MDP under the rule set called `rules`; `horizon`: actions per episode (None: the rule set's).
+    """The MDP under a rule set.
 
-    Raises ValueError for an unknown rule set or a horizon that is not a positive whole number.
+    Args:
+        appearance: The kind of scenes and their actions.
+        rules: Name of the rule set, "paper" or "release".
+        horizon: Actions per episode; None: the rule set's.
+
+    Returns:
+        The rules as pure functions.
+
+    Raises:
+        ValueError: For an unknown rule set or a horizon that is not a positive whole number.
     """
     rule_set = choose("rules", rules, RULE_SETS)
     if horizon is None:

@@ -17,7 +17,7 @@ from lilgym_mp.envs.interface import (
     RENDER_FPS,
     RENDER_MODES,
     RESET_OPTIONS,
-    SharedInterface,
+    TaskEnvironment,
     end_info,
     make_renderer,
     warn_of_no_mode,
@@ -32,7 +32,7 @@ from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene.render.canvas import Canvas
 
 
-class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
+class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
     """Add and remove items until the statement has the target value, then STOP.
 
     Observation space: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
@@ -56,10 +56,17 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         render_cells: bool = False,
         **settings: Any,
     ) -> None:
-        """`settings`: the fields of `SingleConfig`, all optional: the environment's and how it is observed.
+        """Makes the environment; `reset` draws the first task.
 
-        `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
-        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        Args:
+            configuration: Its name, such as "TowerScratch".
+            render_mode: "human", "rgb_array", "ansi" or None.
+            render_cells: Rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
+            settings: The fields of `SingleConfig`, all optional: the environment's and how it is observed.
+
+        Raises:
+            ValueError: For invalid settings; the message names the value and the choices.
+            CorpusError: For unusable data (a ValueError).
         """
         given = {"configuration": configuration, **settings}
         self.config = config = SingleConfig.of(given, "render_mode", "render_cells")
@@ -99,10 +106,18 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode of a uniformly drawn task, or of `options={"task": task}`: an id, or a `Task` whose
-        statement fits the observation space.
+        """Starts an episode, by default of a uniformly drawn task.
 
-        Raises ValueError for an unknown id or option or an invalid task or seed, ClosedEnvironmentError after `close`.
+        Args:
+            seed: Seed of the environment's generator; None keeps it.
+            options: {"task": task}: an id, or a `Task` whose statement fits the observation space.
+
+        Returns:
+            The observation, and infos with the task's id.
+
+        Raises:
+            ValueError: For an unknown id or option or an invalid task or seed.
+            ClosedEnvironmentError: After `close`.
         """
         check_open(closed=self._closed)
         choice = None if options is None else checked_options(options, RESET_OPTIONS).get("task")
@@ -140,8 +155,19 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for an action out of range, ResetNeeded before reset and after the end of an episode, and
-        ClosedEnvironmentError after `close`."""
+        """Takes one action.
+
+        Args:
+            action: Its index.
+
+        Returns:
+            Observation, reward, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For an action out of range.
+            ResetNeeded: Before reset and after the end of an episode.
+            ClosedEnvironmentError: After `close`.
+        """
         state = self._state
         if state is None or self._ended:
             check_open(closed=self._closed)
@@ -168,7 +194,12 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     @property
     def state(self) -> State:
-        """The current state. Raises ResetNeeded before the first reset, ClosedEnvironmentError after `close`."""
+        """The current state.
+
+        Raises:
+            ResetNeeded: Before the first reset.
+            ClosedEnvironmentError: After `close`.
+        """
         if self._state is None:
             check_open(closed=self._closed)
             raise gym.error.ResetNeeded("there is no state before the first reset; call reset first")
@@ -176,10 +207,12 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     @property
     def scene(self) -> Scene:
+        """The current scene."""
         return self.state.scene
 
     @property
     def task(self) -> Task:
+        """The task of the episode in progress."""
         return self.state.task
 
     @property
@@ -196,9 +229,12 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         return self.dynamics.goal_reached(self.state)
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
-        """Replaces the tasks by `change(tasks)` from the next reset on.
+        """Replaces the tasks from the next reset on.
 
         The observation space does not change, so that statements and numbers of items must fit it.
+
+        Args:
+            change: A function from the tasks to the new ones.
         """
         check_open(closed=self._closed)
         self.tasks = change(self.tasks)

@@ -75,6 +75,7 @@ class Channel:
         self._file = os.fdopen(reader.fileno(), "rb", closefd=False)
 
     def send(self, message: object) -> None:
+        """Pickles a message and writes all of it; waits while the pipe is full."""
         # 5 us for a small message with `receive`; 9 us by send and recv of Connection, 17 us by those of a socket pair.
         _, writer = self._pipes
         data = pickle.dumps(message)
@@ -93,6 +94,7 @@ class Channel:
         return pickle.load(self._file)
 
     def close(self) -> None:
+        """Closes all ends of the pipes that this process has."""
         for pipe in self._pipes:
             pipe.close()
 
@@ -115,6 +117,7 @@ class Slice:
         return Buffers(**arrays), pages
 
     def engine(self) -> Engine:
+        """The engine of the worker's environments, on its part of the shared buffers."""
         buffers, _ = self.memory()
         return Engine(self.settings, buffers.slice(self.part.start, self.part.stop), self.part.start)
 
@@ -190,14 +193,26 @@ class WorkerVectorEnv(LilGymVectorEnv):
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        """`id`: such as "lilgym_mp/TowerScratch-v0"; `settings`: the other keywords of `BatchedEnv`.
+        """Starts the workers.
 
-        `num_workers`: processes that step environments, including this one (1: no others); "auto": one for each
-        core, but at least 64 environments per process. `start_method`: "fork", "forkserver" or "spawn",
-        None for Python's default. `timeout_seconds`: a worker that takes longer for a call counts as hung.
-        Raises ValueError for unusable settings, SharedMemoryError without enough memory, WorkerError if a worker fails
-        or cannot be started, as in a daemonic process. Only the process that made it can use it: a child forked from
-        that process can only `close` it, which releases the child's own resources.
+        Only the process that made it can use it: a child forked from it can only `close` it, which releases the
+        child's own resources.
+
+        Args:
+            id: Such as "lilgym_mp/TowerScratch-v0".
+            num_envs: The number of environments, N.
+            num_workers: Processes that step environments, including this one (1: no others); "auto": one for each core,
+                but at least 64 environments per process.
+            start_method: "fork", "forkserver" or "spawn"; None for Python's default.
+            timeout_seconds: A worker that takes longer for a call counts as hung.
+            render_mode: As for `BatchedEnv`.
+            copy: As for `BatchedEnv`.
+            settings: The other keywords of `BatchedEnv`.
+
+        Raises:
+            ValueError: For unusable settings.
+            SharedMemoryError: Without enough memory.
+            WorkerError: If a worker fails or cannot be started, as in a daemonic process.
         """
         # First, because Gymnasium before 1.3 also closes environments whose constructor failed.
         self._workers: list[_Worker] = []
@@ -296,7 +311,11 @@ class WorkerVectorEnv(LilGymVectorEnv):
             )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stops the workers and releases the memory."""
+        """Stops the workers and releases the memory.
+
+        Args:
+            kwargs: Those of `close`, which have no effect.
+        """
         if self._finalizer is not None:
             _stop_workers(self._workers, self._shared, self._owner)
             self._finalizer.detach()

@@ -45,6 +45,7 @@ class Decision:
     notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
 
     def to_json(self) -> dict[str, Any]:
+        """All values in types of JSON; cells as pairs, actions as texts."""
         values = dict(vars(self))
         for name in ("add_cells", "remove_cells"):
             values[name] = [[cell, probability] for cell, probability in values[name].items()]

@@ -55,6 +55,7 @@ class Header:
     training: Mapping[str, float] = field(default_factory=dict[str, float])  # cost of training: steps, cpu_minutes
 
     def to_json(self) -> dict[str, Any]:
+        """The first line of a file of episodes."""
         return {"format": FORMAT, "version": VERSION, **asdict(self), "settings": self.settings.to_json()}
 
     @classmethod

@@ -19,7 +19,26 @@ FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Out
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """An episode on one task. Recordings have facts from the corpus and the expert, which others lack."""
+    """An episode on one task. Recordings have facts from the corpus and the expert, which others lack.
+
+    Attributes:
+        task: The task's id.
+        statement: The task's statement.
+        program: The task's program.
+        target: The truth value to reach.
+        statement_seen: Whether the statement occurs verbatim in the training tasks.
+        form_seen: Whether its form does: ignoring colours, shapes, sizes and numbers.
+        tags: Annotations of the task in the corpus.
+        outcome: How the episode ended, as in `Outcome`.
+        invalid_reason: Why the last action was invalid, if it was.
+        actions: The actions, in order.
+        rewards: One per action.
+        start: The start scene.
+        optimal_actions: Length of the expert's solution from the start, including STOP.
+        actions_left: Length of the expert's solution from the scene of a wrong STOP.
+        stop_probabilities: The agent's estimate before each action.
+        decisions: The agent's decision before each action; None if not recorded.
+    """
 
     task: str  # id
     statement: str
@@ -40,7 +59,15 @@ class Episode:
 
     @classmethod
     def of(cls, task: Task, actions: Sequence[Action], outcome: str, dynamics: Dynamics, **others: Any) -> Self:
-        """The episode of these actions on the task; `others`: further fields."""
+        """The episode of these actions on the task.
+
+        Args:
+            task: The task.
+            actions: The actions, in order.
+            outcome: That of the last action.
+            dynamics: The rules, which give the rewards.
+            others: Further fields.
+        """
         signals = dynamics.rules.signals
         before = (signals[Outcome.CONTINUES].reward,) * (len(actions) - 1)
         return cls(
@@ -57,6 +84,7 @@ class Episode:
 
     @property
     def is_success(self) -> bool:
+        """Whether the agent stopped in a goal scene."""
         return self.outcome == "success"
 
     @property
@@ -70,6 +98,7 @@ class Episode:
         return None if self.optimal_actions is None else self.optimal_actions - 1
 
     def to_json(self) -> dict[str, Any]:
+        """A line of a file of episodes; actions are texts."""
         decisions = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
         return {
             **vars(self),

@@ -23,7 +23,16 @@ GREEDY, SAMPLED, AS_TRAINED = ACTION_MODES = "greedy", "sampled", "as-trained"
 
 
 class Observations(NamedTuple):
-    """Observations of B environments."""
+    """Observations of B environments.
+
+    Attributes:
+        images: uint8 (B, 50, 190, 3).
+        statements: B statements.
+        targets: int64 (B,), 1: make the statement true, 0: make it false.
+        steps: int64 (B,), steps taken in the episode.
+        episodes: int64 (B,), index of the episode within the evaluation, for policies that keep a plan.
+        states: B states, for policies with `needs_states`; otherwise empty.
+    """
 
     images: UInt8Array  # (B, 50, 190, 3)
     statements: tuple[str, ...]  # B
@@ -55,7 +64,12 @@ class Policy(ABC):
         """(B,) action indices. `legal`: (B, actions) exact masks; `rng` is the only source of randomness."""
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-        """The output of the latest call, given its mask and the actions chosen, for recordings; None if unknown."""
+        """The output of the latest call, for recordings; None if unknown.
+
+        Args:
+            legal: bool (B, actions), the masks of that call.
+            chosen: int64 (B,), the actions chosen.
+        """
         return None
 
 

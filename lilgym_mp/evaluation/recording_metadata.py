@@ -38,6 +38,7 @@ def metadata(argv: Sequence[str]) -> dict[str, Any]:
 
 
 def write_metadata(recording: Path, argv: Sequence[str]) -> None:
+    """Writes beside a recording how and where it was made."""
     write_json(_file(recording), metadata(argv))
 
 
@@ -69,6 +70,7 @@ def commit() -> str | None:
 
 @cache
 def cpu_model() -> str:
+    """The processor's name as the system gives it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

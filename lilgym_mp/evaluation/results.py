@@ -37,12 +37,21 @@ class SuccessCount:
 
     @classmethod
     def of(cls, episodes: Collection[Episode]) -> SuccessCount:
+        """Counts episodes and successes."""
         return cls(len(episodes), sum(episode.is_success for episode in episodes))
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Statistics of a policy on a split."""
+    """Statistics of a policy on a split.
+
+    Attributes:
+        seen: Episodes and successes on statements that occur verbatim in the tasks that the policy was trained on.
+        unseen: The same for all other statements.
+        mean_reward: Mean total reward of an episode.
+        mean_length: Mean number of actions.
+        outcomes: Share of all episodes by final outcome, 0 .. 1.
+    """
 
     seen: SuccessCount  # statements that occur verbatim in the tasks that the policy was trained on
     unseen: SuccessCount
@@ -52,11 +61,23 @@ class Summary:
 
     @property
     def accuracy(self) -> float:
+        """The share of episodes that ended in success."""
         return self.outcomes["success"]
 
 
 def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
-    """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
+    """The statistics of a policy's episodes.
+
+    Args:
+        episodes: The episodes, at least one.
+        training_statements: Statements that the policy was trained on; if empty, no episode counts as seen or unseen.
+
+    Returns:
+        Success counts for seen and unseen statements, means, and shares of the outcomes.
+
+    Raises:
+        ValueError: If there are no episodes.
+    """
     if not episodes:
         raise ValueError("cannot summarise zero episodes")
     outcomes = Counter(episode.outcome for episode in episodes)
@@ -122,6 +143,7 @@ class Result:
 
     @property
     def name(self) -> str:
+        """Name of the policy in tables."""
         return self.named.name
 
     def to_json(self) -> dict[str, Any]:

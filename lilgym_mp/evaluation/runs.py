@@ -35,12 +35,27 @@ def evaluate(
     record_decisions: bool = False,
     on_episode: Callable[[Episode], object] = lambda episode: None,
 ) -> list[Episode]:
-    """One episode per pass and task of the split, or of `task_ids`; in that order, pass after pass.
+    """Plays each task of the split, or of `task_ids`, in that order, pass after pass.
 
     The same arguments give the same episodes if the policy is a pure function. That includes `batch_size`, as the
-    episodes of a batch share the random numbers. `record_decisions`: store the policy's output at each step, if it
-    has one. `on_episode` is called with each episode as it ends.
-    Raises ValueError for invalid settings or split, or fewer than one pass, and as `step` for other actions.
+    episodes of a batch share the random numbers.
+
+    Args:
+        policy: The policy, or a function with its arguments.
+        settings: The environment, such as `Settings("TowerScratch")`.
+        split: The split: "train", "dev", "test" or another one of the corpus.
+        seed: Seed of the random numbers that the policy gets.
+        passes: How often each task is played.
+        batch_size: The most environments that are stepped together.
+        task_ids: Tasks to play, by default all of the split.
+        record_decisions: Store the policy's output at each step, if it has one.
+        on_episode: Called with each episode as it ends.
+
+    Returns:
+        One episode per pass and task.
+
+    Raises:
+        ValueError: For invalid settings or split, or fewer than one pass, and as `step` for other actions.
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")

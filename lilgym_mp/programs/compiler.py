@@ -40,7 +40,14 @@ class Program:
     __slots__ = ("_evaluations", "_generated", "_key", "_reference", "errors", "source", "tree")
 
     def __init__(self, source: str) -> None:
-        """Raises ProgramError when `source` is not a valid program."""
+        """Parses and checks the source.
+
+        Args:
+            source: The program's text.
+
+        Raises:
+            ProgramError: When `source` is not a valid program.
+        """
         self.source = source
         self.errors: Counter[str] = Counter()
         self.tree = parse(source)
@@ -68,10 +75,16 @@ class Program:
         return (self._generated or self._generate()) is not _always_fall_back
 
     def evaluate(self, scene: Scene, *, step_limit: int | None = None) -> bool:
-        """The truth value in the scene. Raises ProgramRuntimeError where there is none; `errors` is unchanged.
+        """The truth value in the scene; `errors` is unchanged.
 
-        With a step limit, evaluation by the reference evaluator ends with StepLimitError after that many steps of about
-        0.1 microseconds. Programs of unknown origin can take seconds without one.
+        Args:
+            scene: The scene.
+            step_limit: Steps of about 0.1 microseconds after which the reference evaluator gives up. Programs of
+                unknown origin can take seconds without a limit.
+
+        Raises:
+            ProgramRuntimeError: Where there is no truth value.
+            StepLimitError: Beyond the step limit.
         """
         if step_limit is not None:
             return self.evaluate_reference(scene, step_limit=step_limit)
@@ -81,7 +94,12 @@ class Program:
             return self.evaluate_reference(scene)
 
     def evaluate_reference(self, scene: Scene, *, step_limit: int | None = None) -> bool:
-        """`evaluate` by the reference evaluator, which defines the semantics."""
+        """`evaluate` by the reference evaluator, which defines the semantics.
+
+        Args:
+            scene: The scene.
+            step_limit: As for `evaluate`.
+        """
         from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 
         self._reference = self._reference or build_closure(self.tree)
@@ -123,7 +141,15 @@ def generated_truth(tree: Node) -> Truth:
 def compile_program(source: str) -> Program:
     """The compiled program, from an LRU cache.
 
-    Raises ProgramError with position and reason when `source` is not a valid program, TypeError when it is not a str.
+    Args:
+        source: The program's text.
+
+    Returns:
+        The program; `program(scene)` is its truth value in the scene.
+
+    Raises:
+        ProgramError: When `source` is not a valid program, with position and reason.
+        TypeError: When it is not a str.
     """
     if not isinstance(source, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"the source of a program must be a str, not {type(source).__name__}")
@@ -159,7 +185,14 @@ def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = co
 
 
 def explain_program(source: str) -> str:
-    """Human-readable text: the error in the source, or the words it uses and its value on the empty scene."""
+    """Human-readable text about a program, valid or not.
+
+    Args:
+        source: The program's text.
+
+    Returns:
+        The error in the source, or the words it uses and its value on the empty scene.
+    """
     try:
         program = compile_program(source)
     except ProgramError as fault:

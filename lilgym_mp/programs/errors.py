@@ -16,9 +16,13 @@ class Position(NamedTuple):
 
 
 class ProgramError(ValueError):
-    """A source text that is not a valid program.
+    """A source text that is not a valid program; `position` is the line and column of the fault, counted from 1.
 
-    `piece` is the offending text at `position`; `reason` is the rule it breaks.
+    Args:
+        source: The program's text.
+        offset: Index of the fault in `source`.
+        piece: The offending text.
+        reason: The rule it breaks.
     """
 
     def __init__(self, source: str, offset: int, piece: str, reason: str) -> None:

@@ -37,6 +37,7 @@ class Evaluation:
         self.words: dict[str, FunctionValue] = {}  # words used as values
 
     def charge(self, steps: int) -> None:
+        """Spends steps. Raises StepLimitError below zero."""
         self.steps_left -= steps
         if self.steps_left < 0:
             raise StepLimitError(f"the program needs more than {self.step_limit} steps on this scene")

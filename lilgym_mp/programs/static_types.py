@@ -35,6 +35,7 @@ _METHODS: Mapping[str, Type] = {"is_tower": BOOL, "all_items_in_box": ITEMS}
 
 
 def type_of(node: syntax.Node, scope: Scope) -> Type:
+    """The type of a node's value, given those of the variables; UNKNOWN where it cannot be told beforehand."""
     match node:
         case syntax.Constant(value=value):
             return type(value).__name__
@@ -64,6 +65,7 @@ def type_of(node: syntax.Node, scope: Scope) -> Type:
 
 
 def element_of(collection: Type) -> Type:
+    """The type of a collection's elements; a box is a collection of items."""
     if isinstance(collection, Many):
         return collection.element
     return ITEM if collection == BOX else UNKNOWN

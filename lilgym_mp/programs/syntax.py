@@ -67,21 +67,29 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class SceneName:
+    """`all_items` or `all_boxes`."""
+
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
+    """The parameter of an enclosing lambda."""
+
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class WordName:
+    """A word that is passed as a function instead of being called."""
+
     word: Word
 
 
 @dataclass(frozen=True, slots=True)
 class Lambda:
+    """A function of one parameter."""
+
     parameter: str
     body: Node
 
@@ -113,6 +121,8 @@ class Logic:
 
 @dataclass(frozen=True, slots=True)
 class Not:
+    """`not operand`."""
+
     operand: Node
 
 
@@ -127,6 +137,8 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Arithmetic:
+    """`left operator right` on numbers."""
+
     operator: str
     left: Node
     right: Node
@@ -134,12 +146,16 @@ class Arithmetic:
 
 @dataclass(frozen=True, slots=True)
 class Subscript:
+    """`of[index]`."""
+
     of: Node
     index: Node
 
 
 @dataclass(frozen=True, slots=True)
 class Slice:
+    """`of[start:stop:step]`; None where a part is left out."""
+
     of: Node
     start: Node | None
     stop: Node | None

@@ -18,7 +18,8 @@ _KEYS: Mapping[str, type] = {"id": str, "statement": str, "program": str, "targe
 class Goal(Protocol):
     """The scenes in which STOP succeeds."""
 
-    def reached_in(self, scene: Scene) -> bool: ...
+    def reached_in(self, scene: Scene) -> bool:
+        """Whether stopping in the scene succeeds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,17 @@ class ProgramGoal:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Make `statement` have the truth value `target`, from the scene `start`."""
+    """Make `statement` have the truth value `target`, from the scene `start`.
+
+    Attributes:
+        id: Names the task within its task set.
+        statement: The text that agents read.
+        program: Its source in the program language; compiled on first use.
+        target: The truth value to reach.
+        start: The start scene.
+        other_goal: Where STOP does not succeed exactly when the program has the target.
+        tags: Annotations of the statement by the corpus's authors.
+    """
 
     id: str
     statement: str
@@ -50,6 +61,7 @@ class Task:
 
     @property
     def goal(self) -> Goal:
+        """What stopping must reach: the goal of another kind, or else the program's truth."""
         return self.other_goal or ProgramGoal(((self.program, self.target),))
 
     def to_json(self) -> dict[str, object]:
@@ -60,7 +72,11 @@ class Task:
     def from_json(cls, data: object) -> Task:
         """Reads `to_json`'s form. Checks types and form only: not the program, nor what an appearance allows.
 
-        Raises ValueError naming the field at fault.
+        Args:
+            data: The object read from JSON.
+
+        Raises:
+            ValueError: Naming the field at fault.
         """
         if not isinstance(data, Mapping):
             raise ValueError(f"a task must be an object, not {data!r:.80}")
@@ -71,11 +87,19 @@ class Task:
         return cls(**{name: record[name] for name in _KEYS}, start=Scene.from_json(record.get("start")))
 
     def truth(self, scene: Scene) -> bool:
-        """The statement's truth value in `scene`; false if the program raises, which it counts."""
+        """The statement's truth value in a scene; false if the program raises, which it counts.
+
+        Args:
+            scene: The scene.
+        """
         return compile_program(self.program)(scene)
 
     def solved_by(self, scene: Scene) -> bool:
-        """Whether STOP succeeds in `scene`."""
+        """Whether STOP succeeds in a scene.
+
+        Args:
+            scene: The scene.
+        """
         if self.other_goal is not None:
             return self.other_goal.reached_in(scene)
         return compile_program(self.program)(scene) == self.target

@@ -23,18 +23,24 @@ class Color(Enum):
 
 
 class Shape(Enum):
+    """Shapes by their names in programs."""
+
     CIRCLE = SceneShape.CIRCLE.value
     SQUARE = SceneShape.SQUARE.value
     TRIANGLE = SceneShape.TRIANGLE.value
 
 
 class Size(Enum):
+    """Sizes by their names in programs: the language says BIG for LARGE."""
+
     SMALL = SceneSize.SMALL.value
     MEDIUM = SceneSize.MEDIUM.value
     BIG = SceneSize.LARGE.value
 
 
 class Side(Enum):
+    """Walls of a box in tests of position; ANY matches each of them."""
+
     TOP = 0
     BOTTOM = 1
     LEFT = 2
@@ -81,6 +87,7 @@ class BoxView:
 
     @property
     def members(self) -> tuple[ItemView, ...]:
+        """Views of the box's items, in its order."""
         if self._members is None:
             self._members = tuple(ItemView(item, self, index) for index, item in enumerate(self.content.items))
         return self._members
@@ -112,4 +119,5 @@ class SceneView:
         self.boxes = tuple(BoxView(box, index, self) for index, box in enumerate(scene.boxes))
 
     def items(self) -> list[ItemView]:
+        """Views of all items, from the left box to the right one."""
         return [item for box in self.boxes for item in box]

@@ -20,7 +20,7 @@ OTHERS = {
 }
 
 
-class Entry(NamedTuple):
+class DocumentedName(NamedTuple):
     """A word, or a name or member that programs can use."""
 
     name: str
@@ -31,12 +31,16 @@ class Entry(NamedTuple):
 
 
 @cache
-def vocabulary() -> tuple[Entry, ...]:
+def vocabulary() -> tuple[DocumentedName, ...]:
     """Every word, group by group."""
-    words = [Entry(word.name, word.group, word.signature, word.meaning, True) for word in WORDS.values()]
+    words = [DocumentedName(word.name, word.group, word.signature, word.meaning, True) for word in WORDS.values()]
     order: list[str] = list(GROUPS)
     words.sort(key=lambda word: order.index(word.group))
-    others = [Entry(name, group, name, text, False) for group, found in OTHERS.items() for name, text in found.items()]
+    others = [
+        DocumentedName(name, group, name, text, False)
+        for group, found in OTHERS.items()
+        for name, text in found.items()
+    ]
     return tuple(
         entry._replace(meaning=" ".join(entry.meaning.replace("`", "").split())) for entry in (*words, *others)
     )

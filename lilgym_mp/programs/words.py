@@ -55,6 +55,7 @@ class ParameterType:
 
 
 def is_collection(value: object) -> bool:
+    """Whether words accept the value as a collection; a box is one, of its items."""
     return isinstance(value, list | tuple | set | frozenset | BoxView)
 
 
@@ -196,6 +197,8 @@ SizesArg = Annotated[Any, ParameterType("Size or collection of Sizes", _enum_val
 
 @dataclass(frozen=True)
 class Parameter:
+    """A parameter of a word, with the check of its values."""
+
     name: str
     type: ParameterType
     default: Any = inspect.Parameter.empty
@@ -203,6 +206,7 @@ class Parameter:
 
     @property
     def optional(self) -> bool:
+        """Whether calls may leave it out."""
         return self.default is not inspect.Parameter.empty
 
     def __str__(self) -> str:
@@ -270,6 +274,7 @@ class Word:
 
     @property
     def signature(self) -> str:
+        """The word with its parameters and result, as vocabulary tables show it."""
         shown = list(map(str, self.parameters))
         first_keyword_only = [index for index, parameter in enumerate(self.parameters) if parameter.keyword_only][:1]
         for index in first_keyword_only:
@@ -278,6 +283,7 @@ class Word:
 
     @property
     def meaning(self) -> str:
+        """The docstring of the word's function."""
         return inspect.getdoc(self.function) or ""
 
     def steps(self, element_count: int, item_count: int) -> int:

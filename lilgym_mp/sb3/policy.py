@@ -177,6 +177,7 @@ class StatementRolloutBuffer(MaskableDictRolloutBuffer):
         self.advantages /= self.advantages.std() + 1e-8
 
     def get(self, batch_size: int | None = None) -> Generator[MaskableDictRolloutBufferSamples, None, None]:
+        """Mini-batches that keep the states of a statement together."""
         next(super().get(1))  # flattens the arrays
         indices: dict[bytes, int] = {}
         statements = np.array([indices.setdefault(row.tobytes(), len(indices)) for row in self.observations[STATEMENT]])

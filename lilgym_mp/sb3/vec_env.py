@@ -177,16 +177,33 @@ def make_vec_env(
     stop_forcing: bool = False,
     **kwargs: Any,
 ) -> VecEnv:
-    """`n_envs` environments as a `VecEnv`, with the spaces of `gym.make(id, observation="arrays")`.
+    """Environments as a `VecEnv`, with the spaces of `gym.make(id, observation="arrays")`.
 
-    `backend`: "batched", all in this process (usually the fastest); "workers", a few processes with a batch each
-    (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own over single environments
-    (`start_method` for "subproc"). All give equal results: environment i is seeded with `seed` + i.
-    `wrap`: such as `lilgym_mp.wrappers.structured_observation_v0`, applied to the batch, or to each environment with
-    SB3's own backends. `monitor`: report episode returns and lengths, as SB3's `make_vec_env` does.
-    `same_statement`, `statement_episodes`, `recolour`, `empty_starts`: draw training tasks as `StatementSampler` does.
-    `stop_forcing`: add "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP.
-    Other keywords: of `gymnasium.make`. Raises ValueError naming the choices, TypeError for an unknown keyword.
+    All backends give equal results: environment i is seeded with `seed` + i.
+
+    Args:
+        id: Such as "lilgym_mp/TowerScratch-v0".
+        n_envs: The number of environments.
+        backend: "batched", all in this process (usually the fastest); "workers", a few processes with a batch each
+            (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own over single
+            environments (`start_method` for "subproc").
+        seed: Seed of the first environment.
+        wrap: Such as `lilgym_mp.wrappers.structured_observation_v0`, applied to the batch, or to each environment with
+            SB3's own backends.
+        monitor: Report episode returns and lengths, as SB3's `make_vec_env` does.
+        same_statement: Draws training tasks as `StatementSampler` does, like the next three.
+        statement_episodes: As for `StatementSampler`.
+        recolour: As for `StatementSampler`.
+        empty_starts: As for `StatementSampler`.
+        stop_forcing: Add "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP.
+        kwargs: Other keywords of `gymnasium.make`.
+
+    Returns:
+        The environments.
+
+    Raises:
+        ValueError: For an invalid value; the message names the choices.
+        TypeError: For an unknown keyword.
     """
     check_keywords(kwargs.keys() & SB3_INSTEAD, (), SB3_INSTEAD)
     build = choose("backend", backend, BACKENDS)

@@ -30,18 +30,24 @@ class SceneError(ValueError):
 
 
 class Shape(IntEnum):
+    """The value orders item types."""
+
     CIRCLE = 0
     SQUARE = 1
     TRIANGLE = 2
 
 
 class Colour(IntEnum):
+    """The value orders item types and indexes palettes."""
+
     YELLOW = 0
     BLACK = 1
     BLUE = 2
 
 
 class Size(IntEnum):
+    """The value is the second part of a footprint's index, after the shape."""
+
     SMALL = 0
     MEDIUM = 1
     LARGE = 2
@@ -79,7 +85,15 @@ new_tuple: _NewTuple = cast("Any", tuple).__new__
 
 
 class Item(NamedTuple):
-    """One object; (x, y) is the top-left pixel of its bounding square inside its box, y downwards."""
+    """One object.
+
+    Attributes:
+        x: Left pixel of its bounding square inside its box.
+        y: Top pixel of that square, counted downwards.
+        shape: Circle, square or triangle.
+        colour: Yellow, black or blue.
+        size: Small, medium or large: 10, 20 or 30 pixels.
+    """
 
     x: int
     y: int
@@ -98,6 +112,7 @@ class Item(NamedTuple):
         return SIZE_PIXELS[self[4]]
 
     def to_json(self) -> dict[str, int | str]:
+        """The item in the release's format; `x_loc`, `y_loc` and `size` in pixels."""
         return {
             "x_loc": self.x,
             "y_loc": self.y,
@@ -108,7 +123,14 @@ class Item(NamedTuple):
 
     @classmethod
     def from_json(cls, data: object) -> Item:
-        """Raises SceneError naming the key, the value and the choices."""
+        """The item of a record in the release's format.
+
+        Args:
+            data: The object read from JSON.
+
+        Raises:
+            SceneError: Naming the key, the value and the choices.
+        """
         record = cast("Mapping[str, Any]", data)
         try:  # several times as fast as what follows, which explains faults
             x = record["x_loc"]
@@ -166,7 +188,11 @@ _set_memo: Callable[[_Frozen, dict[Hashable, Any]], None] = _Frozen.__dict__["me
 
 
 class Box(_Frozen):
-    """The items of one box in the order they were added."""
+    """The items of one box in the order they were added.
+
+    Args:
+        items: The items.
+    """
 
     __slots__ = ("items",)
     items: tuple[Item, ...]
@@ -176,9 +202,19 @@ class Box(_Frozen):
         _set_memo(self, {})
 
     def with_item(self, item: Item) -> Box:
+        """The box with an item added as the last.
+
+        Args:
+            item: The item.
+        """
         return Box((*self.items, item))
 
     def without(self, index: int) -> Box:
+        """The box without one item.
+
+        Args:
+            index: The item's index in `items`.
+        """
         return Box(self.items[:index] + self.items[index + 1 :])
 
 
@@ -187,7 +223,11 @@ Box._content = Box.__dict__["items"]  # pyright: ignore[reportPrivateUsage]
 
 
 class Scene(_Frozen):
-    """Three boxes, left to right."""
+    """Three boxes, left to right.
+
+    Args:
+        boxes: The left, the middle and the right box.
+    """
 
     __slots__ = ("boxes",)
     boxes: tuple[Box, Box, Box]
@@ -198,18 +238,27 @@ class Scene(_Frozen):
 
     @classmethod
     def empty(cls) -> Scene:
+        """Three boxes without items."""
         return cls((Box(), Box(), Box()))
 
     @classmethod
     def of(cls, *boxes: Iterable[Item]) -> Scene:
-        """A scene from three collections of items."""
+        """A scene from three collections of items.
+
+        Args:
+            boxes: The items of the left, the middle and the right box.
+        """
         if len(boxes) != BOX_COUNT:
             raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
         return cls.of_boxes(Box(tuple(items)) for items in boxes)
 
     @classmethod
     def of_boxes(cls, boxes: Iterable[Box]) -> Scene:
-        """A scene of three boxes."""
+        """A scene of three boxes.
+
+        Args:
+            boxes: The boxes, left to right.
+        """
         left, middle, right = boxes
         return cls((left, middle, right))
 
@@ -219,6 +268,12 @@ class Scene(_Frozen):
             yield from box.items
 
     def with_box(self, index: int, box: Box) -> Scene:
+        """The scene with another box in one place.
+
+        Args:
+            index: 0 for the left box, 1 for the middle one, 2 for the right one.
+            box: The new box.
+        """
         left, middle, right = self.boxes
         if index == 0:
             return Scene((box, middle, right))
@@ -227,7 +282,11 @@ class Scene(_Frozen):
         return Scene((left, middle, box))
 
     def permuted(self, order: Sequence[int]) -> Scene:
-        """The scene whose box k is this one's box `order[k]`; `order` is a permutation of 0, 1, 2."""
+        """The scene with its boxes in another order.
+
+        Args:
+            order: A permutation of 0, 1, 2; box k is this scene's box `order[k]`.
+        """
         if sorted(order) != list(range(BOX_COUNT)):
             raise SceneError(f"{tuple(order)!r} is not a permutation of the boxes 0, 1, 2")
         return Scene.of_boxes(self.boxes[index] for index in order)
@@ -240,7 +299,11 @@ class Scene(_Frozen):
     def from_json(cls, data: object) -> Scene:
         """Reads the released `structured_rep`. Checks the form only: `appearances` check what is legal.
 
-        Raises SceneError naming every box and item at fault.
+        Args:
+            data: The object read from JSON.
+
+        Raises:
+            SceneError: Naming every box and item at fault.
         """
         if not isinstance(data, list):
             raise SceneError(f"a scene must be a list of {BOX_COUNT} boxes, not {data!r}")

@@ -31,6 +31,7 @@ class AbstractEdit(NamedTuple):
 
     @property
     def adds(self) -> bool:
+        """Whether it adds an item; else it removes the one at `position`."""
         return self.position is None
 
 
@@ -92,9 +93,11 @@ class Abstraction:
         self._layers = cache(self._layers_of)
 
     def abstract(self, box: Box) -> AbstractBox:
+        """The classes of a box's items, sorted unless their order matters."""
         return self.from_classes([self.classes.of(item) for item in box.items])
 
     def from_classes(self, item_classes: Sequence[int]) -> AbstractBox:
+        """The abstract box with items of these classes."""
         return tuple(item_classes if self.order_matters else sorted(item_classes))
 
     def _representative(self, abstract_box: AbstractBox) -> Box:

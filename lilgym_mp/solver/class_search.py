@@ -84,6 +84,7 @@ class ClassSpace:
 
     @cached_property
     def classes(self) -> BoxClasses:
+        """Classes of boxes that no program can tell apart."""
         return BoxClasses(self._programs)
 
     @cached_property
@@ -125,6 +126,7 @@ class FirstActions(NamedTuple):
 
     @classmethod
     def union(cls, parts: Iterable[FirstActions], *, complete: bool = True) -> FirstActions:
+        """The actions of all parts; complete if all parts are, and `complete`."""
         actions: set[int] = set()
         for part in parts:
             actions |= part.actions
@@ -140,9 +142,14 @@ class BoxReachability(Protocol):
 
     reachable: ReachableClasses
 
-    def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[Any] | NoRefinement: ...
-    def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None: ...
-    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions: ...
+    def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[Any] | NoRefinement:
+        """Actions that turn the box into one of a class within so many edits, or why there are none."""
+
+    def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
+        """Why `refinement` would fail, or None where it succeeds."""
+
+    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
+        """Indices of actions that begin a refinement."""
 
 
 class Reachability:

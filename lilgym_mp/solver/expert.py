@@ -26,9 +26,15 @@ class Expert:
     """
 
     def __init__(self, env: object, budget: int | None = None) -> None:
-        """`budget`: how many scenes a plan may examine; None is the default of the appearance.
+        """Prepares a solver for the environment's rules.
 
-        Raises TypeError if `env` is not an environment of this package, ValueError for a budget below 1.
+        Args:
+            env: An environment of this package, which may be wrapped.
+            budget: How many scenes a plan may examine; None is the default of the appearance.
+
+        Raises:
+            TypeError: If `env` is not an environment of this package.
+            ValueError: For a budget below 1.
         """
         base: Any = getattr(env, "unwrapped", env)
         base_type = cast("Any", type(base))  # `base.state` raises before the first reset, so ask the type
@@ -54,7 +60,11 @@ class Expert:
         return self._env.dynamics.appearance.encode(action)
 
     def plan(self) -> Solution:
-        """A shortest solution from the current state. Raises ValueError if the episode is over."""
+        """A shortest solution from the current state.
+
+        Raises:
+            ValueError: If the episode is over.
+        """
         return self._solver.solve_from(self._env.state)
 
     def optimal_actions(self) -> ActionSet:

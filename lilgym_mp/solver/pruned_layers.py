@@ -36,6 +36,7 @@ class SuccessorGenerator:
         yield from self.additions(box)
 
     def removals(self, box: Box) -> Iterator[EditedBox]:
+        """The box without each of its items in turn; each tried costs one of the budget."""
         for position in range(len(box.items)):
             self._budget.spend()
             edited = self._editor.removed(box, position)
@@ -43,6 +44,7 @@ class SuccessorGenerator:
                 yield edited
 
     def additions(self, box: Box) -> Iterator[EditedBox]:
+        """The box with each item added at each corner; each tried costs one of the budget."""
         for shape, size in FOOTPRINTS:
             for x, y in self._editor.corners:
                 self._budget.spend()

@@ -37,6 +37,7 @@ class ScatterSearch:
         self.is_exhaustive = all(editor.is_exhaustive for editor in self._editors)
 
     def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
+        """A shortest solution with at most `max_edits` edits before STOP."""
         if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
         goal = program_goal(state.task)
@@ -59,6 +60,7 @@ class ScatterSearch:
         return not class_space((program,)).abstraction.features.relational
 
     def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
+        """What can be reached from the scene, with the scenes that give the programs the targets as goals."""
         space = class_space(programs)
         pairs = zip(self._editors, scene.boxes, strict=True)
         return Reachability(space, targets, [ScatterBox(space, editor, box) for editor, box in pairs])

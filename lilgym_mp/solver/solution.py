@@ -20,7 +20,15 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best solution found from one state."""
+    """The best solution found from one state.
+
+    Attributes:
+        status: Whether a solution was found, proven impossible, or not found within the budget.
+        actions: Edits, then STOP; empty when not solved.
+        least_edits: Proven lower bound on the edits of any solution.
+        scenes: Number of scenes examined by the search.
+        reason: Why there is no solution.
+    """
 
     status: Status
     actions: tuple[Action, ...]  # edits, then STOP; empty when not solved
@@ -30,6 +38,7 @@ class Solution:
 
     @property
     def solved(self) -> bool:
+        """Whether a plan was found."""
         return self.status is Status.SOLVED
 
     @property
@@ -53,14 +62,17 @@ class ActionSet:
 
 
 def solved(actions: tuple[Action, ...], least_edits: int, budget: Budget) -> Solution:
+    """The solution with a shortest plan."""
     return Solution(Status.SOLVED, actions, least_edits, budget.spent)
 
 
 def unsolvable(reason: str, least_edits: int, budget: Budget) -> Solution:
+    """The solution that proves that there is no plan, and why."""
     return Solution(Status.UNSOLVABLE, (), least_edits, budget.spent, reason)
 
 
 def not_found(least_edits: int, budget: Budget, reason: str = "") -> Solution:
+    """The solution of a search that gave up; `least_edits` is what it proved so far."""
     reason = reason or f"nothing found in {budget.spent:,} scenes; a larger budget may help"
     return Solution(Status.NOT_FOUND, (), least_edits, budget.spent, reason)
 

@@ -36,9 +36,15 @@ class Solver:
     """Finds shortest solutions of the tasks of one MDP. Results do not depend on earlier calls."""
 
     def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
-        """`budget`: how many scenes a call may examine; None is the default of the appearance.
+        """Prepares the search of the appearance.
 
-        Raises ValueError for a budget below 1, UnsupportedAppearance (a ValueError) for other appearances.
+        Args:
+            dynamics: The MDP's rules.
+            budget: How many scenes a call may examine; None is the default of the appearance.
+
+        Raises:
+            ValueError: For a budget below 1.
+            UnsupportedAppearance: For an appearance without a search (a ValueError).
         """
         self.dynamics = dynamics
         appearance = dynamics.appearance
@@ -47,26 +53,45 @@ class Solver:
         self.budget = checked_count("budget", given, of=" of scenes or None")
 
     def solve(self, task: Task) -> Solution:
-        """A shortest solution from the task's start."""
+        """A shortest solution from the task's start.
+
+        Args:
+            task: The task.
+        """
         return self.solve_from(self.dynamics.start(task))
 
     def solve_from(self, state: State) -> Solution:
-        """A shortest solution from any state of an episode; `state.steps` counts against the horizon.
+        """A shortest solution from any state of an episode.
 
-        Raises ValueError if no action is left.
+        Args:
+            state: The state; its `steps` count against the horizon.
+
+        Raises:
+            ValueError: If no action is left.
         """
         return self._search.solve(state, self._max_edits(state), Budget(self.budget))
 
     def distance(self, state: State) -> int | None:
-        """The length of the shortest solution found with the whole horizon left, STOP included; None without one."""
+        """The length of the shortest solution found with the whole horizon left, STOP included; None without one.
+
+        Args:
+            state: The state; its `steps` do not count.
+        """
         return self.solve_from(state._replace(steps=0)).steps or None
 
     def solve_distant(self, state: State, min_edits: int) -> Solution:
-        """A solution proven shortest, if it has at least `min_edits` edits: much faster than `solve_from` for many
-        scenes of one program.
+        """A solution proven shortest, if it is long: much faster than `solve_from` for many scenes of one program.
 
-        NOT_FOUND with a lower bound of the edits in all other cases: a nearer goal, a program that relates items in
-        Scatter, an exhausted budget. Raises ValueError if no action is left.
+        Args:
+            state: The state; its `steps` count against the horizon.
+            min_edits: The fewest edits of solutions to look for.
+
+        Returns:
+            NOT_FOUND with a lower bound of the edits if it has fewer, for a program that relates items in Scatter, or
+            with an exhausted budget.
+
+        Raises:
+            ValueError: If no action is left.
         """
         budget = Budget(self.budget)
         edits = 0
@@ -82,7 +107,14 @@ class Solver:
 
     @lru_cache(CACHE_SIZE)  # noqa: B019 (of the class, so that solvers can be pickled)
     def optimal_actions(self, state: State) -> ActionSet:
-        """The first actions of shortest solutions. Raises ValueError if no action is left."""
+        """The first actions of shortest solutions.
+
+        Args:
+            state: The state; its `steps` count against the horizon.
+
+        Raises:
+            ValueError: If no action is left.
+        """
         max_edits = self._max_edits(state)
         budget = Budget(self.budget)
         if state.task.solved_by(state.scene):
@@ -98,10 +130,16 @@ class Solver:
     def plan_for(self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int) -> WeightedPlan:
         """The plan found with the highest total probability of satisfied goals, then with the fewest actions.
 
-        `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. The probabilities of equal
-        goals are added. A single goal is solved as by `solve`, several with at most PLAN_BUDGET.
+        A single goal is solved as by `solve`, several with at most PLAN_BUDGET.
 
-        Raises ValueError for no goals, a negative probability or `edits_left`, and ProgramError for an invalid program.
+        Args:
+            goals: Programs with their targets and probabilities; those of equal goals are added.
+            scene: The scene to start from.
+            edits_left: Edits allowed before STOP; at the start of an episode, `horizon - 1`.
+
+        Raises:
+            ValueError: For no goals, a negative probability or negative `edits_left`.
+            ProgramError: For an invalid program.
         """
         if edits_left < 0:
             raise ValueError(f"edits_left must be at least 0, not {edits_left}")

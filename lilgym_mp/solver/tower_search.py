@@ -82,6 +82,7 @@ class TowerSearch:
         self._placement = dynamics.rules.placement
 
     def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
+        """A shortest solution with at most `max_edits` edits before STOP."""
         edits = 0
         try:
             for edits in range(max_edits + 1):
@@ -126,6 +127,7 @@ class TowerSearch:
         return True
 
     def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
+        """What can be reached from the scene, with the scenes that give the programs the targets as goals."""
         space = class_space(programs)
         return Reachability(space, targets, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
 

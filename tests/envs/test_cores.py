@@ -62,7 +62,7 @@ def random_starts(appearance: str) -> list[Scene]:
     return [Scene.empty(), *(scene(*(tower(*box) for box in colours[n : n + 3])) for n in range(0, 36, 3))]
 
 
-class Side:
+class CoreUnderTest:
     """One core with its buffers."""
 
     def __init__(self, core: Callable[..., Core], dynamics: Dynamics, tasks: TaskSet, image_size: str = "half") -> None:
@@ -77,7 +77,7 @@ class Side:
         self.core.write_items()
 
 
-def assert_equal(one: Side, other: Side) -> None:
+def assert_equal(one: CoreUnderTest, other: CoreUnderTest) -> None:
     for side in (one, other):
         side.write_all()
     for name in (*COPIED, "mask", "goal", "items"):
@@ -101,7 +101,7 @@ def an_action(dynamics: Dynamics, mask: np.ndarray, chance: np.random.Generator)
     return int(chance.choice(legal))
 
 
-def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int) -> Counter[int]:
+def play(one: CoreUnderTest, other: CoreUnderTest, dynamics: Dynamics, task_count: int, steps: int) -> Counter[int]:
     """Plays both alike, some environments or all, restarting those that end and some that do not.
 
     Gives how often each reason to be invalid was met.
@@ -133,7 +133,9 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
 def test_tower_core__equals_the_scalar_core_over_long_runs(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("tower"), rules)
     tasks = tasks_of(random_starts("tower"))
-    play(Side(ScalarCore, dynamics, tasks), Side(TowerCore, dynamics, tasks), dynamics, len(tasks), 150)
+    play(
+        CoreUnderTest(ScalarCore, dynamics, tasks), CoreUnderTest(TowerCore, dynamics, tasks), dynamics, len(tasks), 150
+    )
 
 
 @pytest.mark.parametrize(
@@ -155,7 +157,10 @@ def test_scatter_core__equals_the_scalar_core_over_long_runs(
 ) -> None:
     dynamics = make_dynamics(make_appearance("scatter", grid), rules, horizon)
     tasks = tasks_of(random_starts("scatter"))
-    sides = Side(ScalarCore, dynamics, tasks, image_size), Side(ScatterCore, dynamics, tasks, image_size)
+    sides = (
+        CoreUnderTest(ScalarCore, dynamics, tasks, image_size),
+        CoreUnderTest(ScatterCore, dynamics, tasks, image_size),
+    )
     met = play(*sides, dynamics, len(tasks), steps)
     if steps >= 150:
         expected = set(InvalidReason) - {InvalidReason.FULL_TOWER, InvalidReason.EMPTY_TOWER}
@@ -174,7 +179,7 @@ def test_scatter_core__falls_back_after_a_release_snap_out_of_the_box(there: Ite
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     start = scene([there])
     tasks = tasks_of([start])
-    arrays, loop = Side(ScatterCore, dynamics, tasks), Side(ScalarCore, dynamics, tasks)
+    arrays, loop = CoreUnderTest(ScatterCore, dynamics, tasks), CoreUnderTest(ScalarCore, dynamics, tasks)
     item = dynamics.appearance.apply(start, action, dynamics.rules.placement).scene.boxes[0].items[-1]
     assert min(item.x, item.y) < 0
     for side in (arrays, loop):
@@ -189,7 +194,13 @@ def test_scatter_core__falls_back_after_a_release_snap_out_of_the_box(there: Ite
 def test_scatter_core__falls_back_if_items_overlap() -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     tasks = tasks_of([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
-    play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 30)
+    play(
+        CoreUnderTest(ScalarCore, dynamics, tasks),
+        CoreUnderTest(ScatterCore, dynamics, tasks),
+        dynamics,
+        len(tasks),
+        30,
+    )
 
 
 @pytest.fixture
@@ -234,7 +245,7 @@ def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
 def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]):
     dynamics = make_dynamics(make_appearance("tower"), horizon=2)
     tasks = tasks_of(random_starts("tower"))
-    side = Side(core, dynamics, tasks)
+    side = CoreUnderTest(core, dynamics, tasks)
     some, everyone = np.array([1, 4]), np.arange(COUNT)
     side.core.start(everyone, everyone)
     for env_ids in (some, everyone):

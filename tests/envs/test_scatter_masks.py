@@ -13,7 +13,7 @@ from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.scene.appearances import Scatter
-from tests.envs.test_cores import Side, tasks_of
+from tests.envs.test_cores import CoreUnderTest, tasks_of
 from tests.scenes import scatter_boxes, unchecked_boxes
 
 GRIDS = [(19, 5), (38, 10), (95, 4), (38, 1), (76, 50)]
@@ -22,7 +22,7 @@ GRIDS = [(19, 5), (38, 10), (95, 4), (38, 1), (76, 50)]
 def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules: str) -> None:
     """Begins the scenes one after another in the same environment, again and again, and edits some on the way."""
     dynamics = make_dynamics(Scatter(grid), rules)
-    side = Side(ScatterCore, dynamics, tasks_of(list(scenes)))
+    side = CoreUnderTest(ScatterCore, dynamics, tasks_of(list(scenes)))
 
     def is_exact() -> bool:
         side.core.write_masks()

@@ -23,7 +23,7 @@ from lilgym_mp.cli import main
 from lilgym_mp.cli.llm_play import drawn
 from lilgym_mp.contrib.llm import Player, make_agent, progression, success_interval, summarise, wilson_interval
 from lilgym_mp.contrib.llm import agents as agents_module
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
+from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
@@ -194,7 +194,7 @@ def test_openai__error_names_the_reason_but_not_the_key(
     monkeypatch.setenv("OPENAI_API_KEY", "SECRET")
     with (
         served(lambda body, number: (status, content)) as (url, _),
-        pytest.raises(AgentError, match=message) as caught,
+        pytest.raises(ModelError, match=message) as caught,
     ):
         OpenAIAgent("tiny", url=url.replace("//", "//user:SECRET@"), retries=0).answer([])
     assert str(caught.value).startswith(url)
@@ -443,7 +443,7 @@ def test_openai__retries_a_rate_limit_within_a_200():
 
 
 def test_openai__names_an_unknown_host_and_the_cause():
-    with pytest.raises(AgentError, match=r"http://nowhere.invalid/v1/: APIConnectionError.*\(ConnectError: .*\w"):
+    with pytest.raises(ModelError, match=r"http://nowhere.invalid/v1/: APIConnectionError.*\(ConnectError: .*\w"):
         OpenAIAgent("tiny", url="http://nowhere.invalid/v1", retries=0).answer([])
 
 
@@ -459,7 +459,7 @@ def test_openai__ends_a_request_of_one_byte_a_second_after_the_time_limit():
 
         threading.Thread(target=drip, daemon=True).start()
         url = f"http://127.0.0.1:{server.getsockname()[1]}/v1"
-        with pytest.raises(AgentError, match=r"the request took longer than 0\.5 seconds"):
+        with pytest.raises(ModelError, match=r"the request took longer than 0\.5 seconds"):
             OpenAIAgent("tiny", url=url, retries=0, timeout=0.5).answer([])
 
 
@@ -490,7 +490,7 @@ def test_answer_of_another_type__is_an_agent_error(reply: Any):
     agent = Scripted()
     agent.answer = lambda messages: reply
     player = Player(TOWER, agent)
-    with pytest.raises(AgentError, match="the agent's answer must be a text or an Answer, not "):
+    with pytest.raises(ModelError, match="the agent's answer must be a text or an Answer, not "):
         player.play(player.task_ids()[0])
 
 
@@ -572,12 +572,12 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
     assert 1 <= (answer.completion_tokens or 0) <= 3
     player = Player(TOWER, agent)
     assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
-    with pytest.raises(AgentError, match="reads no pictures"):
+    with pytest.raises(ModelError, match="reads no pictures"):
         agent.answer([{"role": "user", "content": [{"type": "text", "text": "STOP"}]}])
-    with pytest.raises(AgentError, match="no such directory"):
+    with pytest.raises(ModelError, match="no such directory"):
         make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
     tiny_model(tmp_path / "bare", None)
-    with pytest.raises(AgentError, match="has no chat template"):
+    with pytest.raises(ModelError, match="has no chat template"):
         make_agent("transformers", {"directory": str(tmp_path / "bare")})
 
 

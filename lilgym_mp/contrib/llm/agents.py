@@ -17,12 +17,21 @@ from lilgym_mp.wrappers import TextObservation
 Message = dict[str, Any]
 
 
-class AgentError(ValueError):
+class ModelError(ValueError):
     """The agent is unavailable or does not answer."""
 
 
 class Answer(NamedTuple):
-    """An agent's reply, with token counts if known."""
+    """An agent's reply, with token counts if known.
+
+    Attributes:
+        text: The reply, without separate thoughts.
+        prompt_tokens: Tokens read.
+        completion_tokens: Tokens written.
+        reasoning: Thoughts that the model gave apart from the text; kept in transcripts.
+        retries: Failed calls before this one.
+        problem: Why the text is not the model's answer: "cut", "filtered" or "refused".
+    """
 
     text: str
     prompt_tokens: int | None = None
@@ -40,7 +49,11 @@ class LanguageAgent(Protocol):
     """
 
     def answer(self, messages: Sequence[Message]) -> Answer | str:
-        """The reply to messages, oldest first; the first is the system message if there is one, the last a user's."""
+        """The reply to a conversation.
+
+        Args:
+            messages: Oldest first; the first is the system message if there is one, the last a user's.
+        """
         ...
 
 
@@ -48,10 +61,12 @@ class ExpertAgent:
     """The next action of a shortest solution, found with the program."""
 
     def begin(self, env: TextObservation, seed: int) -> None:
+        """Makes an expert for the episode that `env` has just begun."""
         self._appearance = env.get_wrapper_attr("dynamics").appearance
         self._expert = Expert(env)
 
     def answer(self, messages: Sequence[Message]) -> str:
+        """The text of the expert's next action; it does not read the messages."""
         return describe(self._appearance.decode(self._expert.act()))
 
 
@@ -63,23 +78,31 @@ AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need furt
 
 
 def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageAgent:
-    """The agent called `name`, one of AGENTS or "module:Class", constructed with `options` as keyword arguments.
+    """A text agent by its name.
 
-    Raises AgentError for a missing module or class, or invalid options, whose values it does not show.
+    Args:
+        name: One of AGENTS, or "module:Class".
+        options: Keyword arguments of its constructor.
+
+    Returns:
+        The agent.
+
+    Raises:
+        ModelError: For a missing module or class, or invalid options, whose values the message does not show.
     """
     given = dict(options or {})
     path = name if ":" in name else choose("agent", name, AGENTS)
     try:
         agent = resolve_name(path)(**given)
-    except AgentError:
+    except ModelError:
         raise
     except Exception as error:
         hint = "name it module:Class, importable from here" if ":" in name else "give options as --option KEY=VALUE"
         known = f"with the options {', '.join(given) or 'none'}; {hint}"
         reason = without_secrets(described(error), given)
-        raise AgentError(f"agent {name!r} cannot be constructed {known}: {reason}") from None
+        raise ModelError(f"agent {name!r} cannot be constructed {known}: {reason}") from None
     if not callable(getattr(agent, "answer", None)):
-        raise AgentError(f"agent {name!r} has no method answer(messages)")
+        raise ModelError(f"agent {name!r} has no method answer(messages)")
     return agent
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Message, described
+from lilgym_mp.contrib.llm.agents import Answer, LanguageAgent, Message, ModelError, described
 from lilgym_mp.contrib.llm.summary import Turn
 from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, answer_text
 
@@ -42,7 +42,7 @@ class Asking:
         """The choice that `read` finds in a reply, or None after 1 + `retries` replies without one.
 
         Extends `messages` and `turns`, whose last says why there is no choice. `again`: asks for another reply.
-        `recalled`: turns of an earlier run, which are used up before the agent is asked. Raises AgentError.
+        `recalled`: turns of an earlier run, which are used up before the agent is asked. Raises ModelError.
         """
         for attempt in range(self.retries + 1):
             start = time.perf_counter()
@@ -89,20 +89,20 @@ def _extended(message: Message, text: str, *, before: bool = False) -> Message:
 
 
 def call(method: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of an agent's method; its exceptions become AgentErrors."""
+    """The result of an agent's method; its exceptions become ModelErrors."""
     try:
         return method(*arguments)
-    except AgentError:
+    except ModelError:
         raise
     except (Exception, SystemExit) as error:
-        raise AgentError(f"the agent raised {described(error)}") from error
+        raise ModelError(f"the agent raised {described(error)}") from error
 
 
 def checked_answer(reply: object) -> Answer:
-    """An agent's reply, with text that can be written to files. Raises AgentError for another type."""
+    """An agent's reply, with text that can be written to files. Raises ModelError for another type."""
     answer = Answer(reply) if isinstance(reply, str) else reply
     if not isinstance(answer, Answer) or not isinstance(answer.text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise AgentError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
+        raise ModelError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
     reasoning = None if answer.reasoning is None else _writable(answer.reasoning)
     return answer._replace(text=_writable(answer.text), reasoning=reasoning)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.contrib.llm.agents import AgentError, Message
+from lilgym_mp.contrib.llm.agents import Message, ModelError
 from lilgym_mp.contrib.llm.asking import Asking
 from lilgym_mp.contrib.llm.game_text import Said, ask_again, legal_choices, read_reply, rules_of, text_of_turn
 from lilgym_mp.contrib.llm.summary import Turn
@@ -112,7 +112,7 @@ class LanguagePartner(BatchPartner):
         before = len(recalled)
         try:
             said = self._asking.choose(self.messages[task], asked, read, again=ask_again(game, role), recalled=recalled)
-        except AgentError as error:
+        except ModelError as error:
             self.errors[task] = str(error)
             return FAILED
         finally:

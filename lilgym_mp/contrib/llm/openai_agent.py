@@ -11,9 +11,9 @@ from concurrent.futures import Future
 from typing import Any, cast
 
 from lilgym_mp.contrib.llm.agents import (
-    AgentError,
     Answer,
     Message,
+    ModelError,
     described,
     without_credentials,
     without_secrets,
@@ -59,23 +59,23 @@ class OpenAIAgent:
         has the API key; servers at a `url` may need none. `retries`: of a request to a busy or unreachable server.
         `timeout`: seconds for a whole request, to its last byte; None for no limit. `temperature`, `max_tokens`,
         `fields`: arguments of the package's `chat.completions.create`; None leaves one out, `max_completion_tokens`
-        replaces `max_tokens`. Raises AgentError for invalid arguments and without the package."""
+        replaces `max_tokens`. Raises ModelError for invalid arguments and without the package."""
         try:
             import openai
         except ImportError:
-            raise AgentError(f'the agent "openai" needs a package: {install("llm")}') from None
+            raise ModelError(f'the agent "openai" needs a package: {install("llm")}') from None
         self._key = os.environ.get(KEY_VARIABLE, "").strip()
         if not (self._key.isascii() and (self._key.isprintable())):
-            raise AgentError(f"the key in {KEY_VARIABLE} must consist of printable ASCII characters")
+            raise ModelError(f"the key in {KEY_VARIABLE} must consist of printable ASCII characters")
         if not self._key and url is None:
-            raise AgentError(f"set {KEY_VARIABLE} to the API key, or give the url of a server that needs none")
+            raise ModelError(f"set {KEY_VARIABLE} to the API key, or give the url of a server that needs none")
         if url is not None and not str(url).startswith(("http://", "https://")):
-            raise AgentError(f"url must begin with http:// or https://, not {without_credentials(str(url))!r}")
+            raise ModelError(f"url must begin with http:// or https://, not {without_credentials(str(url))!r}")
         for name in fields:
             if name in REFUSED_FIELDS or "key" in name:
-                raise AgentError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")
+                raise ModelError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")
         if timeout is not None and not (isinstance(timeout, int | float) and timeout > 0):
-            raise AgentError(f"timeout must be a number of seconds above 0 or null, not {timeout!r}")
+            raise ModelError(f"timeout must be a number of seconds above 0 or null, not {timeout!r}")
         self._openai: Any = openai
         self._timeout, self._retries = timeout, int(retries)
         self._client: Any = openai.OpenAI(api_key=self._key or "none", base_url=url, timeout=timeout, max_retries=0)
@@ -87,16 +87,16 @@ class OpenAIAgent:
         self._secrets = {**self._fields, "url": url}
 
     def answer(self, messages: Sequence[Message]) -> Answer:
-        """Raises AgentError when the server refuses, cannot be reached after all retries, or gives no reply."""
+        """Raises ModelError when the server refuses, cannot be reached after all retries, or gives no reply."""
         for attempt in range(self._retries + 1):
             try:
                 return self._asked(list(messages))._replace(retries=attempt)
             except Exception as error:
                 if attempt == self._retries or not self._is_busy(error):
                     text = without_secrets(_told(error), self._secrets, self._key)
-                    raise AgentError(f"{self._shown_url}: {text[:SHOWN]}") from None
+                    raise ModelError(f"{self._shown_url}: {text[:SHOWN]}") from None
                 time.sleep(_pause(error, attempt))
-        raise AgentError("retries must be 0 or more")
+        raise ModelError("retries must be 0 or more")
 
     def _asked(self, messages: list[Message]) -> Answer:
         create = self._client.chat.completions.with_raw_response.create

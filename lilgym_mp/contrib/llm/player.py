@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.pool import ThreadPool
 
-from lilgym_mp.contrib.llm.agents import AgentError, LanguageAgent, Message
+from lilgym_mp.contrib.llm.agents import LanguageAgent, Message, ModelError
 from lilgym_mp.contrib.llm.asking import Asking, call
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
@@ -23,11 +23,20 @@ from lilgym_mp.wrappers.text import IMAGES, content_of
 class Player:
     """Plays the tasks of one configuration with a text agent.
 
-    `history`: past observations kept in the conversation. `retries`: further attempts after an answer that names no
-    action, or is cut, filtered or refused; then the episode ends so, without success and with the reward of an illegal
-    action, as in `rlvr.Conversation`. `scene`: as for TextObservation; pictures are content parts of OpenAI's chat API.
-    `thoughts`: tags of thoughts, which are neither read nor sent again. `system`: False puts the rules into the first
-    user message, for models without a system role.
+    Args:
+        settings: The environment, such as `Settings("TowerFlipIt")`.
+        agent: The agent that replies.
+        split: The split whose tasks are played.
+        scene: "list", "image" or "both", as for TextObservation; pictures are content parts of OpenAI's chat API.
+        legal_actions: Whether observations list the legal actions.
+        retries: Further attempts after an answer that names no action, or is cut, filtered or refused; then the episode
+            ends so, without success and with the reward of an illegal action, as in `rlvr.Conversation`.
+        history: Past observations kept in the conversation.
+        thoughts: Tags of thoughts, which are neither read nor sent again.
+        system: False puts the rules into the first user message, for models without a system role.
+
+    Raises:
+        ValueError: For an invalid setting, which the message names.
     """
 
     settings: Settings
@@ -58,7 +67,16 @@ class Player:
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
-        """One episode. Raises ValueError for an unknown task, AgentError where the agent raises an exception."""
+        """One episode.
+
+        Args:
+            task_id: The task's id.
+            seed: Seed of the environment, and of agents that take one.
+
+        Raises:
+            ValueError: For an unknown task.
+            ModelError: Where the agent raises an exception.
+        """
         text, info = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
@@ -117,7 +135,7 @@ def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) 
             local.player = replace(player)
         try:
             return local.player.play(*job)
-        except AgentError as error:
+        except ModelError as error:
             return Failure(job[0], str(error), local.player.conversation)
 
     with ThreadPool(max(1, min(concurrency, len(jobs)))) as pool:  # its threads end after their current episode

@@ -58,6 +58,7 @@ class Episode:
 
     @property
     def is_success(self) -> bool:
+        """Whether the episode ended by stopping in a goal scene."""
         return self.outcome == "success"
 
     @classmethod
@@ -117,10 +118,18 @@ def success_interval(rates: Sequence[tuple[str, float]]) -> tuple[float, float]:
 def summarise(
     episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
 ) -> dict[str, Any]:
-    """The results of an agent, by name as in `summary.json`; token counts and the cost are None if unknown.
+    """The results of an agent, by name as in `summary.json`.
 
-    Episodes that failed because the agent did are counted apart, not among `episodes`. `prices`: of a million tokens
-    read and written. Raises ValueError without episodes.
+    Args:
+        episodes: The episodes that were played to an end.
+        failed_episodes: How many failed because the agent did; counted apart.
+        prices: The prices of a million tokens read and of a million written.
+
+    Returns:
+        Results by name; token counts and the cost are None if unknown.
+
+    Raises:
+        ValueError: Without episodes.
     """
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
     if not count:

@@ -14,7 +14,7 @@ from typing import Any
 
 from PIL import Image
 
-from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message, described
+from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError, described
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.wrappers.replies import CUT
 
@@ -30,16 +30,16 @@ class TransformersAgent:
     concurrency = 8
 
     def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu", batch: int = 8) -> None:
-        """`batch`: most requests generated together. Raises AgentError without the library or for a directory without
+        """`batch`: most requests generated together. Raises ModelError without the library or for a directory without
         a model."""
         try:
             import transformers  # pyright: ignore[reportMissingImports]
         except ImportError:
             message = f'the agent "transformers" needs the library: {install("transformers")}'
-            raise AgentError(message) from None
+            raise ModelError(message) from None
         library: Any = transformers
         if not Path(directory).is_dir():
-            raise AgentError(f"{directory}: no such directory; save a model and its tokenizer there first")
+            raise ModelError(f"{directory}: no such directory; save a model and its tokenizer there first")
         local = {"local_files_only": True}
         try:
             self._reader: Any = library.AutoProcessor.from_pretrained(directory, **local)  # or the tokenizer
@@ -47,9 +47,9 @@ class TransformersAgent:
             loader = library.AutoModelForImageTextToText if self._sees else library.AutoModelForCausalLM
             model: Any = loader.from_pretrained(directory, use_safetensors=True, **local)
         except (OSError, ValueError) as error:
-            raise AgentError(f"{directory}: {error}") from None
+            raise ModelError(f"{directory}: {error}") from None
         if not getattr(self._reader, "chat_template", None):
-            raise AgentError(f"{directory}: the tokenizer has no chat template")
+            raise ModelError(f"{directory}: the tokenizer has no chat template")
         self._model: Any = model.to(device).eval()
         self._tokenizer: Any = self._reader.tokenizer if self._sees else self._reader
         self._tokenizer.padding_side = "left"
@@ -63,6 +63,7 @@ class TransformersAgent:
         self._lock = threading.Lock()
 
     def answer(self, messages: Sequence[Message]) -> Answer:
+        """The model's reply, generated together with requests of other threads that wait at the same time."""
         future = Future[Answer]()
         self._waiting.append((messages, future))
         while not future.done():
@@ -81,7 +82,7 @@ class TransformersAgent:
                 future.set_result(answer)
         except Exception as error:
             for _, future in requests:
-                future.set_exception(error if isinstance(error, AgentError) else AgentError(described(error)))
+                future.set_exception(error if isinstance(error, ModelError) else ModelError(described(error)))
 
     def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
         given = [list(map(self._readable, messages)) for messages in conversations]
@@ -113,12 +114,12 @@ class TransformersAgent:
         return Answer(text, prompt_tokens, min(length + 1, len(tokens)), problem=problem)
 
     def _readable(self, message: Message) -> Message:
-        """The message with pictures in the library's form. Raises AgentError for a model that does not see."""
+        """The message with pictures in the library's form. Raises ModelError for a model that does not see."""
         parts = message["content"]
         if isinstance(parts, str):
             return {**message, "content": [{"type": "text", "text": parts}]} if self._sees else message
         if not self._sees:
-            raise AgentError("the model in the directory reads no pictures; choose --scene list")
+            raise ModelError("the model in the directory reads no pictures; choose --scene list")
         return {**message, "content": [part if part["type"] == "text" else _image(part) for part in parts]}
 
 

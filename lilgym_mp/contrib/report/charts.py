@@ -148,6 +148,7 @@ def _values(panel: BarPanel) -> list[MeanStd]:
 
 
 def style_axes(axes: Any, title: str, unit: str = "") -> None:
+    """Gives axes the report's look: title at the left, two spines, grey horizontal grid lines."""
     axes.set_title(title, loc="left", fontsize=10, fontweight="bold", color=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(FAINT)

@@ -73,6 +73,7 @@ class Table(Item):
         return 0 if any(count is not None and count < FEW_EPISODES for count in counts) else 1
 
     def markdown(self) -> str:
+        """The table with its number, title and note, as Markdown."""
         head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
         return f"{head}\n{self.note}\n" if self.note else head
 

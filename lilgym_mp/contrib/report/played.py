@@ -23,6 +23,7 @@ PEOPLE = "people"
 
 
 def is_conversation_run(directory: Path) -> bool:
+    """Whether the directory contains transcripts and a summary of `lilgym-mp llm play`."""
     return all((directory / name).is_file() for name in (TRANSCRIPTS, SUMMARY))
 
 

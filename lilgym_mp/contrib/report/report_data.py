@@ -46,6 +46,7 @@ class AgentResults:
 
     @property
     def header(self) -> Header:
+        """Header of the first run; runs of an agent differ in their seeds."""
         return self.runs[0].header
 
     def start_scenes(self, predicate: Callable[[Episode], bool]) -> int:
@@ -85,6 +86,7 @@ class ReportData:
 
     @property
     def header(self) -> Header:
+        """Header of the first recording."""
         return self.entries[0].header
 
     @cached_property
@@ -109,10 +111,12 @@ class ReportData:
 
     @property
     def configurations(self) -> list[str]:
+        """Names of the recorded configurations, in the order of CONFIGURATIONS."""
         return [name for name in CONFIGURATIONS if any(entry.configuration == name for entry in self.entries)]
 
     @property
     def splits(self) -> list[str]:
+        """Names of the recorded splits, sorted."""
         return sorted({entry.split for entry in self.entries})
 
     @property

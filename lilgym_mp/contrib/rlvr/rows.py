@@ -60,6 +60,7 @@ class Row:
 
     @property
     def id(self) -> str:
+        """Identifies the row; replies to score name it."""
         return self.task.id
 
     @property

@@ -84,6 +84,7 @@ class AppServices:
 
 
 async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool
+    """FastAPI dependency: what the application's routes share."""
     return request.app.state.services
 
 

@@ -35,6 +35,7 @@ class LiveGame:
 
     @property
     def over(self) -> bool:
+        """Whether no agent is left to move."""
         return not self.engine.movers
 
     def legal(self, role: Role) -> list[int]:

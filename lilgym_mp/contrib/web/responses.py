@@ -99,6 +99,7 @@ def error_response(request: Request, status: int, message: str) -> Response:
 
 
 def add_error_handlers(app: FastAPI) -> None:
+    """Makes the application answer every exception with a readable response."""
     for kind in (
         FrameworkException,
         *STATUSES,

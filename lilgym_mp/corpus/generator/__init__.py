@@ -5,7 +5,13 @@ of boxes, `items` and `boxes` statements, `tower` and `scatter` those of one app
 `generated_corpus` task sets.
 """
 
-from lilgym_mp.corpus.generator.generated_corpus import CorpusSpec, Entry, generated_entries, load_generated, split_of
+from lilgym_mp.corpus.generator.generated_corpus import (
+    CorpusSpec,
+    GeneratedStatement,
+    generated_entries,
+    load_generated,
+    split_of,
+)
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.writer import TrainingPair
 from lilgym_mp.submodules import submodule_getter
@@ -13,7 +19,7 @@ from lilgym_mp.submodules import submodule_getter
 __all__ = [
     "LEVELS",
     "CorpusSpec",
-    "Entry",
+    "GeneratedStatement",
     "TrainingPair",
     "generated_entries",
     "level_of",

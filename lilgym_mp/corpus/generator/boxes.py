@@ -20,6 +20,7 @@ class Statements(ItemStatements):
         return getattr(self, name)()
 
     def box_quantity(self) -> Quantity:
+        """Draws how many boxes a statement speaks about."""
         more = ((0.87, exactly(2)), (0.91, at_least(2)), (0.95, exactly(3)))
         return self.drawn((0.62, SOME), (0.76, exactly(1)), *more, (1, NONE))
 
@@ -40,13 +41,16 @@ class Statements(ItemStatements):
         return TrainingPair(self.box_text(quantity, word, conditions), quantity.test(boxes_where(tests)))
 
     def is_tower(self, word: str) -> bool:
+        """Whether the word for a box is that for a tower in this annotator's style."""
         return word == self.style.words.get("tower")
 
     def box_tests(self, word: str, conditions: Sequence[Condition], box: str = BOX) -> str:
+        """Program text: whether the box meets all conditions, and is a tower if the word says so."""
         tests = [condition.test(box) for condition in conditions]
         return " and ".join([f"{box}.is_tower()", *tests] if self.is_tower(word) else tests)
 
     def box_text(self, quantity: Quantity, word: str, conditions: Sequence[Condition]) -> str:
+        """Text about how many boxes meet the conditions, without the full stop."""
         draw = self.rng.random()
         nouns = pluralised(word)
         if quantity == NONE and draw < 0.4:
@@ -86,6 +90,7 @@ class Statements(ItemStatements):
         return f"{self.number(quantity.low)} of the" if words.endswith(" of") else f"{words} of the"
 
     def every_box(self, word: str, conditions: Sequence[Condition]) -> str:
+        """Text that says that every box meets the conditions."""
         nouns = pluralised(word)
         only = conditions[0].contents if len(conditions) == 1 and conditions[0].kind == "contains" else None
         if only is not None and only.startswith(("a ", "an ")) and self.chance(0.12):

@@ -39,13 +39,23 @@ class BoxConditions(Writer):
     max_in_box: int  # items that a statement requires in one box
 
     # Each appearance has its own
-    def some_attributes(self) -> Attributes: ...
-    def attribute_name(self) -> str: ...
-    def attributes_without(self, attribute: str) -> Attributes: ...  # random words with no value for the attribute
-    def predicate(self) -> Predicate: ...
-    def box_word(self) -> str: ...
+    def some_attributes(self) -> Attributes:
+        """Draws attributes for a noun."""
+
+    def attribute_name(self) -> str:
+        """Draws one of the attributes that vary in the appearance: "color", "shape" or "size"."""
+
+    def attributes_without(self, attribute: str) -> Attributes:
+        """Random attributes with no value for `attribute`."""
+
+    def predicate(self) -> Predicate:
+        """Draws a predicate of items."""
+
+    def box_word(self) -> str:
+        """Draws the annotator's word for a box."""
 
     def condition(self) -> Condition:
+        """Draws a condition of a box, by the probabilities in the phrase book."""
         draw = self.rng.random()
         for name, probability in self.book.conditions.items():
             draw -= probability
@@ -54,6 +64,7 @@ class BoxConditions(Writer):
         return self.contains_some()
 
     def some_noun(self) -> Noun:
+        """A noun with random attributes and no predicates."""
         return Noun(self.some_attributes())
 
     def two_disjoint_nouns(self) -> tuple[Noun, Noun]:
@@ -67,10 +78,12 @@ class BoxConditions(Writer):
     # Words about several items
 
     def have_same(self, attribute: str) -> str:
+        """Words for items that share the value of an attribute."""
         of_one = "in the same" if attribute == "color" else "of one"
         return self.say("have_same", attribute=attribute, of_one=of_one)
 
     def comparison(self, one: Noun, other: Noun, order: str, margin: int | None) -> str:
+        """Words that compare two counts; `margin` gives the exact difference, None leaves it open."""
         first, second = self.noun(one, plural=True), self.noun(other, plural=True)
         same_shape = one.attributes.shape == other.attributes.shape and not one.predicates and not other.predicates
         if same_shape and other.attributes.colours and not other.attributes.size and self.chance(0.5):
@@ -84,6 +97,7 @@ class BoxConditions(Writer):
         return f"{word} {first} than {second}"
 
     def comparison_test(self, one: Noun, other: Noun, order: str, margin: int | None, source: str = ALL_ITEMS) -> str:
+        """Program text for `comparison` of the items in `source`."""
         first, second = f"count({one.items(source)})", f"count({other.items(source)})"
         if margin is not None:
             return f"{first} == {second} + {margin}"
@@ -103,6 +117,7 @@ class BoxConditions(Writer):
         return sorted(found, key=lambda condition: (condition.negative, condition.modifier is None))
 
     def two_conditions(self) -> tuple[Condition, Condition]:
+        """Draws two conditions that can hold together."""
         while len(found := self.conditions(2)) < 2:
             pass
         return found[0], found[1]
@@ -162,17 +177,20 @@ class BoxConditions(Writer):
     # Conditions
 
     def contains(self, quantity: Quantity, noun: Noun) -> Condition:
+        """The condition that the box contains a quantity of the noun's items."""
         text = self.quantified(quantity, noun).text
         kind = "predicate" if noun.predicates else "contains"
         test = quantity.test(noun.in_box())
         return Condition(test, text, kind=kind, attributes=noun.attributes, min_items=quantity.low)
 
     def contains_some(self) -> Condition:
+        """Draws a condition on the number of items with some attributes."""
         noun = self.some_noun()
         quantity = self.quantity_in_box()
         return self.contains(quantity, noun)
 
     def contains_with_predicate(self) -> Condition:
+        """Draws a condition on the number of items that satisfy a predicate within the box."""
         predicate = self.predicate_within_box()
         return self.contains(self.quantity_in_box(3), Noun(self.some_attributes(), (predicate,)))
 
@@ -183,6 +201,7 @@ class BoxConditions(Writer):
         return predicate
 
     def contains_none(self) -> Condition:
+        """Draws a condition that the box has no such items."""
         noun = self.some_noun()
         text = self.noun(noun, plural=self.chance(0.5))
         does = f"does not {self.pick('have', 'contain')}"
@@ -194,6 +213,7 @@ class BoxConditions(Writer):
         return Condition(test, f"no {text}", without, forms, negative=True, attributes=noun.attributes)
 
     def contains_only(self) -> Condition:
+        """Draws a condition that all items of the box have some attributes."""
         attributes = self.some_attributes()
         predicate = self.attribute_predicate(attributes)
         nouns = self.described_noun(attributes, plural=True)
@@ -209,6 +229,7 @@ class BoxConditions(Writer):
         return Condition(test, contents, modifier, forms, kind="only")
 
     def box_variety(self) -> Condition:
+        """Draws a condition on the number of different colours, shapes or sizes in the box."""
         attribute = self.attribute_name()
         number = self.pick(1, 2, 2, 3, 3)
         words = self.say(f"variety_{number}", attribute=attribute)
@@ -225,6 +246,7 @@ class BoxConditions(Writer):
         return Condition(test, contents, kind="variety", min_items=quantity.low)
 
     def contains_more(self) -> Condition:
+        """Draws a comparison of two counts within the box."""
         one, other = self.two_disjoint_nouns()
         order = self.pick("more", "more", "fewer", "equal")
         words = self.comparison(one, other, order, None)
@@ -263,6 +285,7 @@ class BoxConditions(Writer):
         return Condition(test, text, kind="total", min_items=1, max_items=1)
 
     def total_in_box(self, most: int = 8) -> Condition:
+        """Draws a condition on the number of items in the box, with numbers up to `most`."""
         number = 1 + int(self.rng.random() * most)
         few = at_most(number) if number > 1 else exactly(1)
         quantity = self.pick(exactly(number), exactly(number), exactly(number), at_least(number), few)
@@ -273,6 +296,7 @@ class BoxConditions(Writer):
     def total(
         self, quantity: Quantity, text: str, modifier: str | None = None, verb_forms: tuple[str, str] | None = None
     ) -> Condition:
+        """The condition that the box has a quantity of items."""
         test, (low, high, _) = quantity.test(ITEMS), quantity
         return Condition(test, text, modifier, verb_forms, kind="total", min_items=low, max_items=high)
 

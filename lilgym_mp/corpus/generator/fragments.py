@@ -33,14 +33,17 @@ class Quantity(NamedTuple):
 
 
 def exactly(count: int) -> Quantity:
+    """The quantity of `count`, no more and no fewer."""
     return Quantity(count, count)
 
 
 def at_least(count: int) -> Quantity:
+    """The quantity of `count` or more."""
     return Quantity(count, None)
 
 
 def at_most(count: int) -> Quantity:
+    """The quantity of `count` or fewer, including zero."""
     return Quantity(0, count)
 
 

@@ -41,7 +41,7 @@ CACHED_CORPORA = 16
 NAME = "lilgym_mp generated corpus"
 
 
-class Entry(NamedTuple):
+class GeneratedStatement(NamedTuple):
     """A statement with its program and start scenes."""
 
     statement: str
@@ -88,7 +88,9 @@ def load_generated(corpus: str, appearance: str, start: str, split: str) -> Task
 
 
 @lru_cache(maxsize=CACHED_CORPORA)
-def generated_entries(spec: CorpusSpec, appearance: str, split: str, size: int | None = None) -> tuple[Entry, ...]:
+def generated_entries(
+    spec: CorpusSpec, appearance: str, split: str, size: int | None = None
+) -> tuple[GeneratedStatement, ...]:
     """The entries of one split of a generated corpus; `size`: how many, instead of SPLIT_SIZES.
 
     Statements are distinct, few have the same program, and few are true in the empty scene. Raises ValueError for an
@@ -98,7 +100,7 @@ def generated_entries(spec: CorpusSpec, appearance: str, split: str, size: int |
     drafts = statements(appearance, spec.level, rng)
     starts_rng = random.Random(rng.getrandbits(64))
     pool = ScenePool.sample(appearance, starts_rng, POOL_WALKS)
-    entries: list[Entry] = []
+    entries: list[GeneratedStatement] = []
     seen: set[str] = set()
     wordings = Counter[str]()
     trivial = 0  # true in the empty scene, where an immediate STOP succeeds
@@ -109,7 +111,7 @@ def generated_entries(spec: CorpusSpec, appearance: str, split: str, size: int |
         if (true_in_empty and trivial >= MAX_TRIVIAL_SHARE * len(entries)) or split_of(program, appearance) != split:
             continue
         if starts := _starts(program, pool, starts_rng):
-            entries.append(Entry(statement, program, starts))
+            entries.append(GeneratedStatement(statement, program, starts))
             seen.add(normalised(statement))
             wordings[program] += 1
             trivial += true_in_empty
@@ -147,7 +149,7 @@ def _meaning_scenes(appearance: str) -> tuple[Scene, ...]:
     return tuple(rng.sample(ScenePool.sample(appearance, rng, MEANING_SCENES).scenes, MEANING_SCENES))
 
 
-def _tasks(name: str, entry: Entry, appearance: str, start: str) -> Iterator[Task]:
+def _tasks(name: str, entry: GeneratedStatement, appearance: str, start: str) -> Iterator[Task]:
     check_scene = make_appearance(appearance).check_scene
     if start == SCRATCH:
         yield Task(name, entry.statement, entry.program, True, check_scene(Scene.empty()))

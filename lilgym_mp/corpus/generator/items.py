@@ -18,7 +18,8 @@ def all_are(noun: Noun, predicate: Predicate) -> str:
 class ItemStatements(BoxConditions):
     """Statements about items of both appearances."""
 
-    def box_count(self) -> TrainingPair: ...
+    def box_count(self) -> TrainingPair:
+        """Draws a statement about the number of boxes that meet conditions."""
 
     def existential(self, text: str, plural: bool) -> str:
         """An existential statement: "there are two circles", "two circles can be seen"."""
@@ -41,12 +42,14 @@ class ItemStatements(BoxConditions):
         return "" if self.chance(0.88) else self.say("in_total")
 
     def item_count(self) -> TrainingPair:
+        """Draws a statement about the number of items with some attributes."""
         noun = self.some_noun()
         quantity = self.quantity(7)
         text = self.existential(*self.quantified(quantity, noun)) + self.redundant_adverbial()
         return TrainingPair(text, quantity.test(noun.items()))
 
     def total_count(self) -> TrainingPair:
+        """Draws a statement about the number of all items."""
         number = self.pick(2, 3, 4, 5, 5, 6, 6, 7, 7, 8, 8, 9, 10)
         quantity = self.pick(exactly(number), exactly(number), at_least(number), at_most(number))
         text = self.existential(*self.quantified(quantity, ANYTHING)) + self.redundant_adverbial()
@@ -73,6 +76,7 @@ class ItemStatements(BoxConditions):
         return self.with_main_predicate(self.quantity(4, none=0.06), noun)
 
     def noun_with_predicates(self) -> Noun:
+        """Draws a noun with one predicate or, rarely, two of different kinds."""
         noun = Noun(self.some_attributes(), (self.predicate(),))
         if self.chance(0.12):
             second = self.predicate()
@@ -112,6 +116,7 @@ class ItemStatements(BoxConditions):
         return text
 
     def partitive(self, quantity: Quantity) -> str:
+        """The words before a plural noun: "exactly one of the" or "at least one of the"."""
         if self.style.bare_number_is_bound:
             return "one of the" if quantity == exactly(1) else self.say("at_least_one_of_the")
         return self.say("exactly_one_of_the" if quantity == exactly(1) else "one_of_the")
@@ -176,6 +181,7 @@ class ItemStatements(BoxConditions):
         return TrainingPair(self.say("every_item", does=does, all_do=all_do, **words), all_are(noun, predicate))
 
     def not_every_item(self) -> TrainingPair:
+        """Draws a statement that some item lacks a property."""
         noun = self.some_noun()
         predicate = replace(self.predicate(), positive=True)
         negated = replace(predicate, positive=False)
@@ -267,6 +273,7 @@ class ItemStatements(BoxConditions):
         return TrainingPair(either + one.statement + words + second, f"({one.program}) {operator} ({other.program})")
 
     def simple_statement(self) -> TrainingPair:
+        """Draws a statement of one clause, as needed within longer ones."""
         return self.pick(self.item_count, self.items_with_predicate, self.box_count)()
 
     def two_item_counts(self) -> TrainingPair:

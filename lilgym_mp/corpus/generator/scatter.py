@@ -50,6 +50,7 @@ class ScatterStatements(Statements):
         )()
 
     def box_predicate(self) -> Predicate:
+        """Draws the predicate of being in the left, middle or right box."""
         index = int(self.rng.random() * 3)
         name = self.pick(("left", "middle", "right"), ("first", "second", "third"))[index]
         test = f"@.box == all_boxes[{index}]"
@@ -61,6 +62,7 @@ class ScatterStatements(Statements):
         return (self.say("touching"), False) if self.rng.random() < 0.76 else (self.say("near"), True)
 
     def wall_predicate(self) -> Predicate:
+        """Draws a predicate of touching a wall, any or a named one."""
         positive = self.chance(0.85)
         words, close = self.touching_words()
         touching = words.removeprefix("that is ")
@@ -94,6 +96,7 @@ class ScatterStatements(Statements):
         return self.say(wording, adjective=adjective, of_box=of_box), (side.upper(),)
 
     def corner_predicate(self) -> Predicate:
+        """Draws a predicate of touching a corner."""
         positive = self.chance(0.85)
         draw = self.rng.random()
         box = self.word("box")
@@ -109,6 +112,7 @@ class ScatterStatements(Statements):
         return Predicate(f"{touching} {corner}", f"{function}(@)", forms, positive, negated, kind="wall")
 
     def specific_corner(self, of_box: str, positive: bool) -> Predicate:
+        """Draws a predicate of touching a named corner; `of_box` ends its words."""
         vertical = self.pick("top", "bottom")
         horizontal = self.pick("left", "right")
         separator = self.pick(" ", "-", " ", " hand ")
@@ -119,6 +123,7 @@ class ScatterStatements(Statements):
         return Predicate(complement, test, positive=positive, kind="wall")
 
     def other_noun(self) -> Noun:
+        """Draws the noun that a relation refers to."""
         draw = self.rng.random()
         if draw < 0.12:
             return ANYTHING
@@ -126,6 +131,7 @@ class ScatterStatements(Statements):
         return noun.such_that(self.wall_predicate()) if draw > 0.94 else noun
 
     def beside_predicate(self) -> Predicate:
+        """Draws a predicate of touching another item."""
         words, close = self.touching_words()
         touching = words.removeprefix("that is ")
         if not close and self.chance(0.1):
@@ -139,6 +145,7 @@ class ScatterStatements(Statements):
         return self.relation_predicate("beside", function, noun, positive=self.chance(0.88), touching=touching)
 
     def height_predicate(self) -> Predicate:
+        """Draws a predicate of being above or below another item."""
         words, function = self.pick(("above", "get_box_all_below"), ("below", "get_box_all_above"))
         return self.relation_predicate(words, function, self.other_noun(), positive=self.chance(0.9))
 

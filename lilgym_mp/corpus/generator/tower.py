@@ -55,12 +55,15 @@ class TowerStatements(Statements):
         return self.word("box" if self.chance(0.25) else "tower")
 
     def coloured_block(self) -> Noun:
+        """A noun of one random colour."""
         return Noun(Attributes(self.colour()))
 
     def any_block(self) -> Noun:
+        """Draws a noun of one colour or, rarely, any block."""
         return ANYTHING if self.chance(0.08) else self.coloured_block()
 
     def a_tower(self, _: bool = False) -> str:
+        """The annotator's word for a tower with its article; takes the flag that phrases pass, and ignores it."""
         return self.a(self.word("tower"))
 
     # Predicates
@@ -77,11 +80,13 @@ class TowerStatements(Statements):
         )()
 
     def box_predicate(self) -> Predicate:
+        """Draws the predicate of being in the left, middle or right box."""
         index = int(self.rng.random() * 3)
         complement = f"in the {('left', 'middle', 'right')[index]} {self.box_word()}"
         return Predicate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.85), kind="box")
 
     def position_predicate(self) -> Predicate:
+        """Draws the predicate of being at the top, at the bottom, or second or third."""
         position = self.pick("top", "top", "top", "bottom", "bottom", "bottom", "second", "third")
         complement = self.say(f"place_{position}", a_tower=self.a_tower())
         without_as = complement.removeprefix("as ")
@@ -96,6 +101,7 @@ class TowerStatements(Statements):
         )
 
     def stacked_predicate(self) -> Predicate:
+        """Draws a predicate of being over or under another block, directly or not."""
         positive = self.chance(0.93)
         draw = self.rng.random()
         if draw < 0.06:
@@ -110,9 +116,11 @@ class TowerStatements(Statements):
         return self.relation_predicate("under", "get_above", noun, positive=positive)
 
     def beside_predicate(self) -> Predicate:
+        """Draws a predicate of touching another block."""
         return self.relation_predicate("beside", "get_touching", self.any_block(), positive=self.chance(0.9))
 
     def between_predicate(self) -> Predicate:
+        """Draws the predicate of being directly between two blocks, in either order."""
         one, other = self.coloured_block(), self.coloured_block()
         test = f"{one.related('get_above')} and {other.related('get_below')}"
         if one == other:
@@ -131,6 +139,7 @@ class TowerStatements(Statements):
         return Predicate(f"{inside} {tower} {how}", condition.test("@.box"), kind="box")
 
     def floor_predicate(self) -> Predicate:
+        """Draws a predicate of touching the floor, also worded as the edge or the wall."""
         floor = self.say("floor")
         bottom = ("wall" not in floor and "edge" not in floor) or "bottom" in floor
         test = f"is_touching_wall(@{', Side.BOTTOM' if bottom else ''})"
@@ -140,6 +149,7 @@ class TowerStatements(Statements):
     # Conditions
 
     def height(self) -> Condition:
+        """Draws a condition on the height of the tower."""
         number = self.pick(1, 1, 2, 2, 2, 3, 3, 3, 4, 4)
         quantity = exactly(number)
         draw = self.rng.random()
@@ -213,6 +223,7 @@ class TowerStatements(Statements):
         return Condition(f"{coloured_at('top', upper)} and {coloured_at('bottom', lower)}", contents, kind="ends")
 
     def same_ends(self) -> Condition:
+        """Draws a condition that compares the colours of the top and the bottom block."""
         same = self.chance(0.65)
         ends = self.say("same_ends")
         what = self.say("of_same_colour" if same else "of_different_colours")
@@ -223,12 +234,14 @@ class TowerStatements(Statements):
         return Condition(test, f"{ends} {what}", verb_forms=forms, kind="same ends", min_items=2)
 
     def stacked_condition(self) -> Condition:
+        """Draws a condition on the number of blocks that lie next to another one."""
         noun = self.coloured_block()
         noun = noun.such_that(self.pick(self.stacked_predicate, self.stacked_predicate, self.between_predicate)())
         quantity = SOME if self.chance(0.85) else self.pick(exactly(1), exactly(2))
         return self.contains(quantity, noun)
 
     def alternating(self) -> Condition:
+        """The condition that no block lies on one of its colour."""
         test = f"ge(count({ITEMS}), 2) and NOT(exist(filter_obj({ITEMS}, lambda x: {ON_SAME_COLOUR})))"
         return Condition(test, self.say("alternating"), kind="alternating", min_items=2)
 
@@ -344,6 +357,7 @@ class TowerStatements(Statements):
         return f"count({pairs}) == 1" if exact else f"exist({pairs})"
 
     def all_towers_alike(self, what: str) -> TrainingPair:
+        """Draws a statement that all towers share a height, top or bottom colour, or that they do not."""
         same = self.chance(0.75)
         subject = self.say("all_towers")
         plural = not subject.startswith(("every", "each"))

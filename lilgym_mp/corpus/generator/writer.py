@@ -56,6 +56,7 @@ class Style:
 
 
 def pluralised(noun: str) -> str:
+    """The plural of a regular noun."""
     return noun + "es" if noun.endswith("x") else noun + "s"
 
 
@@ -81,6 +82,7 @@ class Attributes:
     size: str | None = None
 
     def tests(self) -> tuple[str, ...]:
+        """Program texts of the tests of one item, HOLE in place of its variable."""
         colours = [f"is_{colour}({HOLE})" for colour in COLOURS if colour in self.colours]
         either = f"({' or '.join(colours)})" if len(colours) > 1 else "".join(colours)
         return tuple(filter(None, (either, *(f"is_{name}({HOLE})" for name in (self.size, self.shape) if name))))
@@ -100,6 +102,7 @@ class Predicate:
     main_complement: str | None = None  # follows "is" in a main clause, where it differs
 
     def signed_test(self, variable: str = HOLE) -> str:
+        """Program text of the predicate, negated unless it is positive."""
         return bound(self.program if self.positive else f"NOT({self.program})", variable)
 
 
@@ -111,9 +114,11 @@ class Noun:
     predicates: tuple[Predicate, ...] = ()
 
     def tests(self) -> tuple[str, ...]:
+        """Program texts of all tests of one item, HOLE in place of its variable."""
         return (*self.attributes.tests(), *(predicate.signed_test() for predicate in self.predicates))
 
     def such_that(self, *predicates: Predicate) -> Noun:
+        """The noun with further predicates."""
         return Noun(self.attributes, (*self.predicates, *predicates))
 
     def items(self, source: str = ALL_ITEMS, variable: str = "x") -> str:
@@ -162,11 +167,13 @@ class PhraseBook(NamedTuple):
 
 @cache
 def phrase_tables() -> dict[str, Any]:
+    """The contents of data/phrases.toml."""
     return tomllib.loads((files("lilgym_mp.data") / "phrases.toml").read_text(encoding="utf-8"))
 
 
 @cache
 def phrase_book(appearance: str) -> PhraseBook:
+    """The wordings and probabilities of an appearance."""
     own = phrase_tables()[appearance]
     wordings = phrase_tables()["common"] | own["wordings"]
     style = {name: [word for word in counts for _ in range(counts[word])] for name, counts in own["style"].items()}
@@ -198,6 +205,7 @@ class Writer:
         self.style = self.random_style()
 
     def random_style(self) -> Style:
+        """Draws the habits of an annotator."""
         words = {name: self.rng.choice(options) for name, options in self.book.style.items()}
         words |= {pluralised(name): pluralised(word) for name, word in words.items()}
         words["picture"] = self.rng.choice(("picture", "image", "picture", "image"))
@@ -207,12 +215,15 @@ class Writer:
         return Style(words, digits, sloppy)
 
     def pick(self, *options: Option) -> Option:
+        """One of the options, each equally likely."""
         return self.choice(options)
 
     def choice(self, options: Sequence[Option]) -> Option:
+        """One of the options, each equally likely; draws a single number, whatever their count."""
         return options[int(self.rng.random() * len(options))]
 
     def chance(self, probability: float) -> bool:
+        """Draws True with the given probability."""
         return self.rng.random() < probability
 
     def drawn(self, *options: tuple[float, Option]) -> Option:
@@ -230,6 +241,7 @@ class Writer:
         return self.style.words[name]
 
     def be(self, plural: bool) -> str:
+        """The verb "is" or "are"; a sloppy annotator sometimes writes the first for both."""
         if self.style.sloppy and self.chance(0.25):
             return "is"
         return "are" if plural else "is"
@@ -241,12 +253,15 @@ class Writer:
         return conjugated(verb, plural)
 
     def colour(self) -> tuple[str, ...]:
+        """One random colour, as the field `colours` of `Attributes`."""
         return (self.choice(COLOURS),)
 
     def number(self, value: int) -> str:
+        """The number in the annotator's habit: a word or digits."""
         return str(value) if self.style.digits or value >= len(NUMBER_WORDS) else NUMBER_WORDS[value]
 
     def a(self, text: str) -> str:
+        """The text with "a" or "an"; a sloppy annotator sometimes leaves it out."""
         return text if self.style.sloppy and self.chance(0.3) else article(text)
 
     # Quantities
@@ -291,6 +306,7 @@ class Writer:
         return Phrase(f"{self.number(low)} or {self.number(high)}", plural=True)
 
     def lower_bound(self, low: int) -> str:
+        """Words for `low` or more."""
         number, before = self.number(low), self.number(low - 1)
         if self.style.bare_number_is_bound and self.chance(0.5):
             return number
@@ -306,6 +322,7 @@ class Writer:
         return f"{self.pick('no less than', 'no fewer than', 'a minimum of')} {number}"
 
     def exact(self, number: int) -> str:
+        """Words for the exact number."""
         word = self.number(number)
         if text := self.drawn((0.45, word), (0.8, f"exactly {word}"), (0.9, f"only {word}"), (1, "")):
             return text
@@ -333,6 +350,7 @@ class Writer:
         return " ".join([*size, *colours, noun])
 
     def noun(self, noun: Noun, plural: bool) -> str:
+        """The noun with its predicates as modifiers."""
         words = [self.described_noun(noun.attributes, plural)]
         for index, predicate in enumerate(noun.predicates):
             words.append(self.modifier(predicate, plural, conjoined=index > 0))
@@ -350,6 +368,7 @@ class Writer:
         return f"{conjunction}{which} {self.be(plural)} {complement}"
 
     def signed_complement(self, predicate: Predicate) -> str:
+        """The complement of a verb, negated unless the predicate is positive."""
         if predicate.positive:
             return predicate.complement
         return f"not {predicate.negated_complement or predicate.complement}"

@@ -48,6 +48,7 @@ class Core(ABC):
         buffers.invalid[env_ids] = NO_REASON
 
     def state(self, env_id: int) -> State:
+        """The state of one environment, as `Dynamics` has it."""
         buffers = self._buffers
         scene = self._scenes_of(np.array([env_id]))[0]
         return State(self._tasks[buffers.task[env_id]], scene, int(buffers.steps[env_id]))

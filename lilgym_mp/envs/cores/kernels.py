@@ -69,7 +69,7 @@ class DrawingTables(NamedTuple):
     """Lookup tables for drawing items at one image size, by item type and parity of x and y.
 
     `runs` are pixels that an item covers completely, which no other item can touch. `edges` are pixels that it covers
-    in part and may share with others; they are drawn from weighted counts, as in `render.Palette`.
+    in part and may share with others; they are drawn from weighted counts, as in `scene.render.drawing.Palette`.
     """
 
     runs: Int64Array  # (27, 2, 2, rows, 2) first column of the run in each row, and the column after the last
@@ -77,7 +77,7 @@ class DrawingTables(NamedTuple):
     edges: Int64Array  # (27, 2, 2, edges, 3) row, column and weighted count
     edge_counts: Int64Array  # (27, 2, 2) number of edges
     lines: UInt8Array  # (28, 3 * columns) colours of a run, by item type; last: of an empty box
-    colours: UInt8Array  # (counts, 3) `render.Palette.colours`
+    colours: UInt8Array  # (counts, 3) `scene.render.drawing.Palette.colours`
     background: UInt8Array  # (height * width * 3,) the image of empty boxes
     width: int  # width of the image
     shrink: int
@@ -89,7 +89,7 @@ class Scenes(NamedTuple):
     items: Int64Array  # (3 N, capacity) each row: items, then NO_ITEM
     counts: Int64Array  # (3 N,) number of items
     versions: Int64Array  # (3 N,) increases with every change of the box: by 1 if an item is added, else by 2 or more
-    weighted: UInt8Array  # (3 N, side, side) weighted counts of coloured pixels, as in `render.Palette`
+    weighted: UInt8Array  # (3 N, side, side) weighted counts of coloured pixels, as in `scene.render.drawing.Palette`
     images: UInt8Array  # (N, height * width * 3)
     is_unfit: BoolArray  # (N,) environments with items outside their box or overlapping: not drawn here
 
@@ -191,7 +191,7 @@ def write_items(scenes: Scenes, item_types: Int16Array, empty: int, seen: Int64A
 
 
 class TowerEdits(NamedTuple):
-    """`appearances.tower.TowerTables` for `edit_tower_scenes`."""
+    """`scene.appearances.tower.geometry.TowerTables` for `edit_tower_scenes`."""
 
     boxes: Int64Array  # (13,) by action: box
     edits: Int64Array  # (13,) by action: column of `after`
@@ -230,7 +230,7 @@ def edit_tower_scenes(
 
 
 class Programs(NamedTuple):
-    """Programs compiled to `programs.instructions`, and the tables that the instructions read."""
+    """Programs compiled to `envs.fast.instructions`, and the tables that the instructions read."""
 
     rows: Int64Array  # (instructions, 3) operation, a, b; of all programs
     ends: Int64Array  # (programs + 1,) bounds of each program's instructions

@@ -34,7 +34,7 @@ class BoxLowering(ABC):
 
     @abstractmethod
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
-        """`programs.instructions.LowerBoxFunction`."""
+        """The instruction that evaluates a function of one box, as `envs.fast.instructions.LowerBoxFunction`."""
 
 
 class ArrayProgramEvaluator:

@@ -61,6 +61,7 @@ class GridTables(NamedTuple):
 
 
 def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
+    """Tables of a grid's cells that the kernels read."""
     columns, rows = appearance.grid
     width, height = appearance.cell
     boxes, xs = (values.repeat(rows) for values in np.divmod(np.arange(columns) * width, BOX_PITCH))

@@ -101,19 +101,23 @@ class Generator:
         self.variables = 0  # number of loop variables created
 
     def charge(self, steps: int) -> None:
+        """Counts a node and its steps. Raises Unsupported where the program could exceed the limits."""
         self.context.nodes_left -= 1
         self.context.steps_left -= self.max_runs * steps
         if self.context.nodes_left < 0 or self.context.steps_left < 0:
             ir.unsupported("too much work")
 
     def charge_call(self, word: Word, *values: ir.Value) -> None:
+        """Charges a call of a word for as many elements as its arguments can have."""
         measuring = sum(map(ir.max_measure_steps, values))
         self.charge(measuring + word.steps(sum(map(ir.max_elements, values)), ir.MAX_ITEMS))
 
     def charge_lambda(self, body: Node) -> None:
+        """Charges one call of a function with this body."""
         self.charge(costs.LAMBDA + costs.NODE * own_size(body))
 
     def charge_operator(self, *values: ir.Value) -> None:
+        """Charges an operator for all elements of its operands."""
         self.charge(costs.OPERATION + sum(map(ir.max_measure_steps, values)) + sum(map(ir.max_elements, values)))
 
     # Kernels and vectorised words
@@ -141,6 +145,7 @@ class Generator:
         return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
     def can_be_kernel(self, function: Lambda) -> bool:
+        """Whether the function reads nothing but its parameter, so that its code can be shared."""
         body = function.body
         return not (self.kernel or free_variables(body) - {function.parameter} or any(map(_is_of_scene, walk(body))))
 
@@ -210,6 +215,7 @@ class Generator:
                 ir.unsupported(type(node).__name__)
 
     def member(self, node: Member, scope: ir.Scope) -> ir.Value:
+        """Code for an attribute or method of an item or a box."""
         of = self.lower(node.of, scope)
         self.charge(1 + ir.MAX_ITEMS)
         if isinstance(of, ir.BoxRef) and node.called:
@@ -226,6 +232,7 @@ class Generator:
         ir.unsupported("member")
 
     def comparison(self, node: Comparison, scope: ir.Scope) -> ir.Bool:
+        """Code for a comparison; of more than two values only if all are numbers or truths."""
         values = [self.lower(part, scope) for part in (node.left, *node.rights)]
         self.charge_operator(*values, *values)
         total = ir.all_total(values)
@@ -248,6 +255,7 @@ class Generator:
                 ir.unsupported("order")
 
     def arithmetic(self, node: Arithmetic, scope: ir.Scope) -> ir.Value:
+        """Code for integers; a remainder needs a constant divisor other than 0."""
         left, right = self.lower(node.left, scope), self.lower(node.right, scope)
         self.charge_operator(left, right)
         if isinstance(left, ir.Int) and isinstance(right, ir.Int):
@@ -259,6 +267,7 @@ class Generator:
     # Calls
 
     def call(self, node: Call, scope: ir.Scope) -> ir.Value:
+        """Code for a call of a word."""
         word = node.word
         if word.is_item_test:
             return self.test(node, scope)
@@ -278,12 +287,14 @@ class Generator:
         return lower_word(*values)
 
     def test(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        """Code for a test of one item: the item's bit in the mask of all that pass."""
         item = self.lower(cast("Node", node.arguments[0]), scope)
         if not isinstance(item, ir.ItemRef):
             ir.unsupported("test of something other than an item")
         return ir.Bool(ir.has_bit(self.test_mask(node, item.box), item.code), item.total)
 
     def test_mask(self, node: Call, box: str) -> ir.Code:
+        """Code for the bits of a box's items that pass a test."""
         self.charge_call(node.word, *[ir.FALSE] * len(node.arguments))
         constants: list[Enum] = []
         for parameter, argument in zip(node.word.parameters[1:], node.arguments[1:], strict=True):
@@ -295,6 +306,7 @@ class Generator:
         return ir.BoxCall(box, name, box_functions.vectorised_test(node.word, tuple(constants)))
 
     def relation(self, node: Call, scope: ir.Scope) -> ir.Items:
+        """Code for the items related to an item or to any of several, box by box."""
         of = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
         self.charge_call(node.word, of)
         if not isinstance(of, ir.ItemRef | ir.Items):
@@ -356,6 +368,7 @@ class Generator:
         return ir.Bool(ir.operate("and", some.code, *same), collection.total and found.total)
 
     def quantify_static(self, name: str, collection: ir.StaticList, found: ir.StaticList) -> ir.Bool:
+        """Code for `Any` or `All` over elements that are known beforehand."""
         if not collection.elements or not (collection.unconditional or (collection.total and found.total)):
             ir.unsupported("quantifier that may fail")
         conditions = [condition.code for condition in found.conditions]
@@ -370,6 +383,7 @@ class Generator:
         return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
 
     def combinations(self, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
+        """Code for subsets: of items for sizes 2 and 3, else of elements that are known beforehand."""
         if not isinstance(k, ir.Int) or not isinstance(k.code, ir.Number):
             ir.unsupported("size")
         size = k.code.value
@@ -391,6 +405,7 @@ class Generator:
     def filter_combinations(
         self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
     ) -> ir.Combinations:
+        """Code for the number of subsets of items that meet a condition."""
         if collection.filtered:
             ir.unsupported("combinations filtered twice")
         counts: list[ir.Code] = []
@@ -439,6 +454,7 @@ class Generator:
     def filter_static(
         self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
     ) -> ir.StaticList:
+        """Code for the condition of each element that is known beforehand."""
         conditions: list[ir.Bool] = []
         for element, before in zip(ir.settled(collection).elements, collection.conditions, strict=True):
             condition = self.element_condition(function, element, scope, strict=strict)
@@ -448,6 +464,7 @@ class Generator:
         return ir.StaticList(collection.elements, tuple(conditions))
 
     def element_condition(self, function: Lambda, element: ir.Value, scope: ir.Scope, *, strict: bool) -> ir.Bool:
+        """Code for the condition of one element; that of a box is a kernel where possible."""
         parameter = function.parameter
         body = function.body
         self.charge_lambda(body)
@@ -472,6 +489,7 @@ class Generator:
         return ir.BoxItems(part.box, chosen, part.total and total)
 
     def filter_inline(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
+        """Code for a loop over a box's items that keeps those that meet a condition."""
         self.variables += 1
         index = f"i{self.variables}"
         item = ir.ItemRef(ir.LoopIndex(index), box=part.box)
@@ -531,6 +549,7 @@ class Generator:
     def combined_mask(
         self, parameter: str, operator: str, operands: Iterable[Node], item: ir.ItemRef, bound: ir.Scope
     ) -> ir.ItemMask | None:
+        """Code for the mask of AND or OR of item tests; None if an operand has no mask."""
         found = [self.item_mask(parameter, operand, item, bound) for operand in operands]
         masks = [mask for mask in found if mask]
         if len(masks) < len(found):

@@ -43,6 +43,8 @@ class Operation(IntEnum):
 
 
 class Instruction(NamedTuple):
+    """One instruction of a program for the kernels; what `a` and `b` mean depends on the operation."""
+
     operation: Operation
     a: int = 0
     b: int = 0

@@ -63,6 +63,8 @@ def _codes(values: Iterable[Any]) -> Iterator[Code]:
 
 @dataclass(frozen=True)
 class Number(Code):
+    """A constant."""
+
     value: int  # or a bool
 
 
@@ -142,6 +144,7 @@ def operate(operator: str, *operands: Code) -> Code:
 
 
 def has_bit(mask: Code, position: Code) -> Code:
+    """Code: whether a mask has the bit at a position, as 0 or 1."""
     return operate("&", operate(">>", mask, position), Number(1))
 
 
@@ -165,7 +168,7 @@ class Bool(Coded):
 
 @dataclass(frozen=True)
 class Int(Coded):
-    pass
+    """An integer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +199,8 @@ FALSE = Bool(Number(False))
 
 @dataclass(frozen=True)
 class BoxRef:
+    """A box, by the name of its variable in the generated code."""
+
     box: str
     total: bool = True
 
@@ -210,16 +215,19 @@ class BoxItems:
 
     @property
     def mask(self) -> Code:
+        """Code for the bits of its items."""
         if self.chosen is not None:
             return self.chosen
         return operate("-", operate("<<", Number(1), ItemCount(self.box)), Number(1))
 
     @property
     def nonempty(self) -> Code:
+        """Code: whether it has any items."""
         return operate("!=", ItemCount(self.box) if self.chosen is None else self.chosen, Number(0))
 
     @property
     def count(self) -> Code:
+        """Code for the number of its items."""
         return ItemCount(self.box) if self.chosen is None else operate("bit_count", self.chosen)
 
 
@@ -232,6 +240,7 @@ class Items:
 
     @property
     def total(self) -> bool:
+        """Whether evaluating it never raises."""
         return all(part.total for part in self.parts)
 
 
@@ -244,10 +253,12 @@ class StaticList:
 
     @property
     def total(self) -> bool:
+        """Whether evaluating it never raises."""
         return all_total((*self.elements, *self.conditions))
 
     @property
     def unconditional(self) -> bool:
+        """Whether it has all its elements in every scene."""
         return all(condition == TRUE for condition in self.conditions)
 
 
@@ -267,6 +278,7 @@ Scope = dict[str, Value]
 
 
 def unsupported(construct: object = "") -> NoReturn:
+    """Raises Unsupported, naming the construct."""
     raise Unsupported(construct)
 
 
@@ -280,12 +292,14 @@ class ItemMask:
 
 
 def narrow(part: BoxItems, mask: ItemMask) -> BoxItems:
+    """The items that also have their bits in a mask."""
     if part.chosen is None and mask.in_range:
         return BoxItems(part.box, mask.code, mask.total)
     return BoxItems(part.box, operate("&", part.mask, mask.code), part.total and mask.total)
 
 
 def attribute_of(item: ItemRef, name: str) -> AttributeValue:
+    """The value of an item's attribute, as a member of the enum of that name."""
     return AttributeValue(ItemField(item.box, item.code, ITEM_FIELDS[name]), item.total, enum=ATTRIBUTE_TYPES[name])
 
 
@@ -331,10 +345,12 @@ def attribute_set(values: Iterable[Value]) -> AttributeSet:
 
 
 def all_total(values: Iterable[Any]) -> bool:
+    """Whether none of the values raises when evaluated."""
     return all(value.total for value in values)
 
 
 def negate(truth: Bool) -> Bool:
+    """The opposite truth; raises where `truth` does."""
     return Bool(operate("not", truth.code), truth.total)
 
 
@@ -353,6 +369,7 @@ def as_collection(value: Value) -> Value:
 
 
 def as_truth(value: Value) -> Bool:
+    """The truth of a value, as Python's `bool` has it."""
     match as_collection(value):
         case Bool() as truth:
             return truth
@@ -374,6 +391,7 @@ def settled(value: StaticList) -> StaticList:
 
 
 def existence(value: Items | StaticList | Combinations) -> Bool:
+    """Whether the collection has any element."""
     if isinstance(value, Combinations):
         codes = [operate("!=", value.count, Number(0))]
     elif isinstance(value, StaticList):
@@ -392,10 +410,12 @@ def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
 
 
 def conjunction(codes: Iterable[Code], *, total: bool) -> Bool:
+    """Whether all codes are true; unless `total`, evaluates each one, as the reference does."""
     return Bool(operate("and" if total else "&", *codes), total)
 
 
 def membership(value: Value, collection: Value) -> Bool:
+    """Whether a set of attribute values contains one of the same enum; else raises Unsupported."""
     if isinstance(value, AttributeValue) and isinstance(collection, AttributeSet) and value.enum is collection.enum:
         return Bool(has_bit(collection.code, value.code), all_total((value, collection)))
     unsupported("membership")

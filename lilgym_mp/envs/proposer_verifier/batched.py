@@ -65,11 +65,17 @@ class BatchedGames:
         copy: bool = True,
         **settings: Any,
     ) -> None:
-        """`tasks`: played instead of the split's, such as augmented or held-out ones.
-        `sampler`: chooses the tasks of games that start; None: uniformly, each game with its own generator.
-        `copy=False`: the image array is reused, so valid only until the next step.
+        """Makes all games; `reset` starts them.
 
-        Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
+        Args:
+            num_games: The number of games, N.
+            tasks: Played instead of the split's, such as augmented or held-out ones.
+            sampler: Chooses the tasks of games that start; None: uniformly, each game with its own generator.
+            copy: False: the image array is reused, so valid only until the next step.
+            settings: The fields of GameSettings.
+
+        Raises:
+            ValueError: Unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
         game = Game(GameSettings.of(settings))
         self._game = game = game if tasks is None else game.with_tasks(tasks)
@@ -93,7 +99,15 @@ class BatchedGames:
     def reset(
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
-        """Starts every game; game i is seeded with `seed` + i. `options` as for `parallel_env`, for all games."""
+        """Starts every game.
+
+        Args:
+            seed: Game i is seeded with `seed` + i; None keeps the generators.
+            options: As for `parallel_env`, for all games.
+
+        Returns:
+            Observations by agent, and infos.
+        """
         check_open(closed=self._is_closed)
         seed, (choice, intent) = checked_seed(seed), reset_options(options)
         task = None if choice is None else self._games.index_of(choice)
@@ -129,7 +143,17 @@ class BatchedGames:
         return tasks.astype(np.int64, copy=False)
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
-        """`actions`: integers (N,) by agent. Errors as for `parallel_env`; a wrong shape or type is an ActionError."""
+        """Takes one action of each agent in each game.
+
+        Args:
+            actions: Integers (N,) by agent.
+
+        Returns:
+            Observations, rewards, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For a wrong shape or type; other errors as for `parallel_env`.
+        """
         if not self._is_started or self._is_closed:
             check_open(closed=self._is_closed)
             raise ResetNeeded("call reset first")

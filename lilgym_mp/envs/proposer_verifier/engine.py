@@ -92,6 +92,7 @@ class GameEngine:
 
     @property
     def rng(self) -> np.random.Generator:
+        """The generator of the game's random numbers; made from entropy unless `reset` got a seed."""
         if self._rng is None:
             self._rng, _ = seeding.np_random()
         return self._rng
@@ -236,7 +237,11 @@ class BaseGameEnv:
         observations: str = NESTED,
         **settings: Any,
     ) -> None:
-        """Arguments as for `env`. Raises ValueError naming the choices."""
+        """Makes the game; `reset` starts it. Arguments as for `env`.
+
+        Raises:
+            ValueError: For invalid settings; the message names the choices.
+        """
         self._is_vector = choose("observations", observations, {NESTED: False, VECTOR: True})
         self.masks_in_infos = self._is_vector
         game = Game(GameSettings.of({"configuration": configuration, **settings}))
@@ -273,6 +278,7 @@ class BaseGameEnv:
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete:
+        """The indices of an agent's actions."""
         return self.action_spaces[agent]
 
     def state(self) -> UInt8Array:
@@ -284,10 +290,12 @@ class BaseGameEnv:
         return self.engine.render()
 
     def close(self) -> None:
+        """Afterwards all methods raise ClosedEnvironmentError."""
         self.engine.close()
 
     @property
     def tasks(self) -> TaskSet:
+        """The tasks that games are drawn from."""
         return self.engine.game.tasks
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
@@ -302,10 +310,12 @@ class BaseGameEnv:
 
     @property
     def task(self) -> Task:
+        """The task of the game in progress."""
         return self.engine.state.mdp.task
 
     @property
     def scene(self) -> Scene:
+        """The current scene."""
         return self.engine.state.mdp.scene
 
     def describe_action(self, agent: str, action: SupportsIndex) -> str:

@@ -23,12 +23,26 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
     """A proposer and a verifier act on one MDP, one after the other.
 
     In the simultaneous protocol ("joint") the proposer's action is held back, unseen, until the verifier has acted.
+
+    Args:
+        configuration: As for `env`.
+        render_mode: As for a single environment.
+        observations: "nested" or "vector", as for `env`.
+        settings: The fields of GameSettings.
     """
 
     _pending: int | None = None  # simultaneous protocol: the proposer's action, until the verifier acts
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
+        """Starts a game.
+
+        Args:
+            seed: Seed of the game's generator; None keeps it.
+            options: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive".
+
+        Raises:
+            ValueError: For an invalid option or seed.
+        """
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         self.rewards = dict.fromkeys(AGENTS, 0.0)
@@ -44,8 +58,16 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         return self._shown(agent, self.engine.observe(role_of(agent)))
 
     def step(self, action: SupportsIndex | None) -> None:
-        """Raises ActionError for an action outside the action space, ResetNeeded before reset and after the end,
-        ClosedEnvironmentError after `close`."""
+        """Takes one action of the agent in `agent_selection`.
+
+        Args:
+            action: Its index; None for an agent whose game has ended.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            ResetNeeded: Before reset and after the end.
+            ClosedEnvironmentError: After `close`.
+        """
         self.engine.check_open()
         if not self.agents:
             raise ResetNeeded("no agent is active; call reset before step")
@@ -96,19 +118,48 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
 
     In turn-based protocols a step is one turn: the agent out of turn has one legal action, "wait", and any other is
     ignored. Both agents' observations share the arrays of parts that both see.
+
+    Args:
+        configuration: As for `env`.
+        render_mode: As for a single environment.
+        observations: "nested" or "vector", as for `env`.
+        settings: The fields of GameSettings.
     """
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
+        """Starts a game.
+
+        Args:
+            seed: Seed of the game's generator; None keeps it.
+            options: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive".
+
+        Returns:
+            Observations and infos by agent.
+
+        Raises:
+            ValueError: For an invalid option or seed.
+        """
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         return self._observations(), self._with_masks(infos)
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
-        """Raises ActionError for an action outside the action space, TurnError unless exactly both agents act,
-        ResetNeeded before reset and after the end, ClosedEnvironmentError after `close`."""
+        """Takes one action of each agent.
+
+        Args:
+            actions: Indices by agent.
+
+        Returns:
+            Observations, rewards, terminated, truncated and infos, each by agent.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            TurnError: Unless exactly both agents act.
+            ResetNeeded: Before reset and after the end.
+            ClosedEnvironmentError: After `close`.
+        """
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
         rewards, terminated, truncated, infos = self.engine.step(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
@@ -134,8 +185,16 @@ raw_env = ProposerVerifierAEC
 def env(configuration: str | None = None, **settings: Any) -> StrictOrderEnforcing:
     """The game as a PettingZoo AEC environment, with checks of the order of calls, which `raw_env` omits.
 
-    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch). Keywords are the fields of
-    GameSettings, `render_mode`, and `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit
-    and Stable-Baselines3, "vector", all parts flattened to float32 (N,), with masks in infos.
+    Args:
+        configuration: A name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch).
+        settings: The fields of GameSettings, `render_mode`, and `observations`: "nested", {"observation": parts,
+            "action_mask"}; or, for SuperSuit and Stable-Baselines3, "vector", all parts flattened to float32 (N,), with
+            masks in infos.
+
+    Returns:
+        The environment.
+
+    Raises:
+        ValueError: For invalid settings; the message names the value and the choices.
     """
     return StrictOrderEnforcing(raw_env(configuration, **settings))

@@ -47,6 +47,21 @@ class Metrics:
 
     docs/proposer_verifier.md defines the claims of each protocol. In FlipIt the target alone predicts whether a claim
     holds, so the pooled rates mislead: compare `j`.
+
+    Attributes:
+        games: Number of games.
+        success_rate: Share of games that end in success of the MDP.
+        success_interval: 95 %, resampling statements, like `j_interval`.
+        mean_rounds: Mean number of rounds.
+        mean_return_proposer: Mean sum of the proposer's rewards.
+        mean_return_verifier: Mean sum of the verifier's rewards.
+        claims: Number of judged claims.
+        true_accept_rate: Share of true claims that were accepted; the others are false rejects.
+        false_accept_rate: Share of false claims that were accepted.
+        j: Youden's J, the rates' difference: mean over targets, None unless each has true and false claims.
+        j_interval: The interval of `j`.
+        accepted_false_claims: Share of games that end in an accepted false claim.
+        by_target: Games, success_rate, both rates and j by "true" and "false", if played.
     """
 
     games: int
@@ -199,5 +214,19 @@ def _resampled(counts: Float64Array) -> Float64Array:
 
 
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:
-    """The measures of the games of `play_games`, with the same arguments."""
+    """Plays games and measures them.
+
+    Args:
+        env: A PettingZoo environment of the game, for its settings and tasks.
+        proposer: Partner that plays the proposer.
+        verifier: Partner that plays the verifier.
+        kwargs: `tasks` and `seed` of `play_games`.
+
+    Returns:
+        The measures of the games.
+
+    Raises:
+        TypeError: For another environment.
+        PartnerError: For illegal actions.
+    """
     return summarise(play_games(env, proposer, verifier, **kwargs))

@@ -258,5 +258,12 @@ def as_bytes(text: str, length: int) -> UInt8Array:
 
 
 def read_text(array: UInt8Array) -> str:
-    """Decodes a text part of an observation."""
+    """Decodes a text part of an observation.
+
+    Args:
+        array: uint8 (length,), UTF-8 padded with zeros.
+
+    Returns:
+        The text.
+    """
     return array.tobytes().rstrip(b"\0").decode()

@@ -42,6 +42,7 @@ class PartnerTurn:
 
     @property
     def game(self) -> Game:
+        """The rules of the game being played."""
         return self.games.game
 
     @property
@@ -61,6 +62,7 @@ class PartnerTurn:
 
     @property
     def action_mask(self) -> Int8Array:
+        """(actions,) legal actions as 1, others as 0."""
         return self.full_observation[MASK]
 
     def __getitem__(self, key: str) -> Any:
@@ -98,10 +100,12 @@ class BatchTurn:
 
     @property
     def tasks(self) -> TaskSet:
+        """The tasks that the games are drawn from."""
         return self.games.game.tasks
 
     @property
     def game(self) -> Game:
+        """The rules of the games being played."""
         return self.games.game
 
     @cached_property
@@ -212,6 +216,7 @@ class RandomPartner:
         return turn.random_action()
 
     def batch(self, turn: BatchTurn) -> Int64Array:
+        """Legal actions drawn uniformly, one for each game of the turn."""
         return turn.random_actions()
 
 
@@ -219,7 +224,11 @@ class RandomPartner:
 class OracleVerifier(BatchPartner):
     """Accepts a claim if it holds, and every other proposal.
 
-    `error_rate`: probability of the opposite judgement.
+    Args:
+        error_rate: Probability of the opposite judgement.
+
+    Raises:
+        ValueError: For an `error_rate` outside 0 .. 1.
     """
 
     error_rate: float = 0.0

@@ -20,11 +20,14 @@ REJECT, ACCEPT = 0, 1  # indices of the verifier's answers; in "joint", 0 contin
 
 
 class Role(IntEnum):
+    """The two agents of the game; the values index arrays by agent."""
+
     PROPOSER = 0
     VERIFIER = 1
 
     @property
     def other(self) -> Role:
+        """The partner's role."""
         return Role(1 - self)
 
     @classmethod

@@ -97,7 +97,20 @@ def read_sizes(text: str) -> int | Mapping[str, int]:
 
 @dataclass(frozen=True)
 class GameSettings(EnvConfig):
-    """The configuration of a game; docs/proposer_verifier.md describes the fields."""
+    """The configuration of a game; docs/proposer_verifier.md describes protocols, rewards and views.
+
+    Args:
+        configuration: As for `Settings`, like all fields that are not named here.
+        protocol: Who moves when, and what the verifier decides.
+        rewards: A name in PRESETS, {agent: term or {term: weight}}, or a function.
+        deceptive_share: Share of deceptive games, 0 .. 1, if intents are hidden.
+        views: What agents see: one view for both, {agent: view}, or "guide".
+        message_size: Messages besides silence, for both agents or by agent; None: the protocol's.
+        message_cost: Cost of a message to its sender.
+        exchanges: In "critique", rejections in a round before a proposal needs no answer.
+        reveal_truth: Whether infos include the truth of the statement.
+        homogeneous: Whether both agents have equal spaces.
+    """
 
     configuration: str = "TowerScratch"
     _: KW_ONLY
@@ -118,7 +131,8 @@ class GameSettings(EnvConfig):
     def to_json(self) -> dict[str, Any]:
         """The game's identity: no split, image size or infos, and no views in which both agents see everything.
 
-        Raises ValueError for a reward function.
+        Raises:
+            ValueError: For a reward function.
         """
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
@@ -132,7 +146,11 @@ class GameSettings(EnvConfig):
         return values
 
     def check(self) -> None:
-        """Raises ValueError naming the value and the choices for the settings that no other method checks."""
+        """Checks the settings that no other method checks.
+
+        Raises:
+            ValueError: Naming the value and the choices.
+        """
         choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
         checked_count("exchanges", self.exchanges, least=0)
@@ -144,6 +162,7 @@ class GameSettings(EnvConfig):
             checked_flag(name, getattr(self, name))
 
     def views_by_role(self) -> tuple[View, View]:
+        """The views of the proposer and of the verifier."""
         if self.views == GUIDE:
             return View(statement="none", target=False), View()
         return _by_role(self.views, _make_view)

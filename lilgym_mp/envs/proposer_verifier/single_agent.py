@@ -30,12 +30,17 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: the game (`env`, `raw_env` or `parallel_env`), also in wrappers of this package, which apply to both
-        agents. The view takes it over: do not step it elsewhere.
-        `partner`: a name in SCRIPTED, or a function of a PartnerTurn.
+        """Takes the game over: do not step it elsewhere.
 
-        Raises TypeError for another environment, for array observations and a partner that is not callable, ValueError
-        for unknown names.
+        Args:
+            env: The game (`env`, `raw_env` or `parallel_env`), also in wrappers of this package, which apply to both
+                agents.
+            agent: The agent to play, such as "proposer_0".
+            partner: A name in SCRIPTED, or a function of a PartnerTurn.
+
+        Raises:
+            TypeError: For another environment, for array observations and a partner that is not callable.
+            ValueError: For unknown names.
         """
         game_env = getattr(env, "unwrapped", env)
         if not isinstance(game_env, BaseGameEnv):
@@ -59,7 +64,15 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """`options` as for the game."""
+        """Starts a game in which the agent has a turn.
+
+        Args:
+            seed: As for the game.
+            options: As for the game.
+
+        Returns:
+            The agent's observation, and infos.
+        """
         super().reset(seed=checked_seed(seed))
         for skipped in range(MAX_RESETS):
             infos = self.engine.reset(seed if skipped == 0 else None, options)
@@ -71,8 +84,19 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
-        """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
-        ResetNeeded before reset and after the end."""
+        """Takes the agent's action, and the partner's until it is the agent's turn again.
+
+        Args:
+            action: Its index.
+
+        Returns:
+            Observation, reward, terminated, truncated and infos.
+
+        Raises:
+            ActionError: For an action outside the action space.
+            PartnerError: For an illegal action of the partner.
+            ResetNeeded: Before reset and after the end.
+        """
         engine, role = self.engine, self._role
         actions = {role: engine.game.checked_action(role, action)}
         if role.other in engine.movers:
@@ -103,7 +127,11 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         return partner_action(self.partner, turn)
 
     def observe(self, role: Role) -> AgentObservation:
-        """One agent's observation, after wrappers."""
+        """One agent's observation, after wrappers.
+
+        Args:
+            role: The agent.
+        """
         self.engine.check_open()
         if role not in self._observations:
             self._observations[role] = self.engine.observe(role)

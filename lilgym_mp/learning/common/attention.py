@@ -42,6 +42,8 @@ class Packing(NamedTuple):
 
 
 class Feedforward(nn.Module):
+    """Pre-norm residual block: d to 2d to d, with ReLU between."""
+
     def __init__(self, width: int) -> None:
         super().__init__()
         self.norm = nn.LayerNorm(width)
@@ -99,6 +101,8 @@ def among_all(indices: Tensor, rows: int) -> Tensor:
 
 
 class TextLayer(nn.Module):
+    """Self-attention over words, then a feed-forward block."""
+
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
         self.attention = Attention(width, heads)
@@ -109,6 +113,8 @@ class TextLayer(nn.Module):
 
 
 class TextEncoder(nn.Module):
+    """Word and position embeddings, then layers of self-attention."""
+
     def __init__(self, vocabulary: int, width: int, heads: int, layers: int, dropout: float) -> None:
         super().__init__()
         self.words = nn.Embedding(vocabulary, width, padding_idx=0)

@@ -46,6 +46,7 @@ class Factorisation:
 
     @property
     def action_count(self) -> int:
+        """The number of actions, including STOP."""
         return len(self.types)
 
     def actions(self, types: Int64Array, choices: Sequence[Int64Array]) -> Int64Array:
@@ -223,6 +224,7 @@ def _entropy(log_probabilities: Tensor) -> Tensor:
 
 
 def as_numpy(tensor: Tensor) -> Float32Array:
+    """A float32 copy on the CPU, without gradients."""
     return tensor.detach().float().cpu().numpy()
 
 

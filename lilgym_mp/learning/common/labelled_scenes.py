@@ -26,22 +26,22 @@ CLIMB_WIDTH = 12  # random edits, of which one is made
 LONGEST_BUILD = 10  # edits from the empty scene
 
 
-class Way(NamedTuple):
-    """How a scene is reached."""
+class PathFromStart(NamedTuple):
+    """From which start a scene was reached, and by how many edits."""
 
     task: int  # index in the entry's tasks, from whose start
     edits: int
 
 
 @dataclass
-class Entry:
+class LabelledStatement:
     """A statement and what is known of it."""
 
     statement: str
     tasks: list[Task] = field(default_factory=list[Task])
     scenes: list[Boxes] = field(default_factory=list[Boxes])
     truths: list[bool] = field(default_factory=list[bool])  # in these scenes
-    ways: list[Way] = field(default_factory=list[Way])  # to these scenes
+    paths: list[PathFromStart] = field(default_factory=list[PathFromStart])  # to these scenes
     pairs: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # one edit apart, true and false
     index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
     start_boxes: Int64Array = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # of the tasks, once needed
@@ -63,10 +63,10 @@ class Entry:
         return side[rng.integers(len(side))]
 
 
-def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[Entry]:
+def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[LabelledStatement]:
     """One entry for each distinct statement."""
     groups = grouped((task.statement, task) for tasks in task_sets for task in tasks)
-    return [Entry(statement, tasks) for statement, tasks in groups.items()]
+    return [LabelledStatement(statement, tasks) for statement, tasks in groups.items()]
 
 
 class Collector:
@@ -78,7 +78,7 @@ class Collector:
         self.rng = rng
         self.stops = self.steps = 0
 
-    def stop(self, entry: Entry, task_index: int, scene: Scene, edits: int) -> int:
+    def stop(self, entry: LabelledStatement, task_index: int, scene: Scene, edits: int) -> int:
         """Labels a scene that is `edits` edits from the task's start by an episode that stops there, by a shorter way
         if one is known.
 
@@ -93,10 +93,10 @@ class Collector:
         outcome = self.dynamics.step(State(task, scene, edits), STOP).outcome
         self.stops += 1
         self.steps += edits + 1
-        entry.ways.append(Way(task_index, edits))
+        entry.paths.append(PathFromStart(task_index, edits))
         return entry.add(boxes, truth=task.target == (outcome is Outcome.SUCCESS))
 
-    def _nearest(self, entry: Entry, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
+    def _nearest(self, entry: LabelledStatement, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
         """The task whose start the scene is nearest to, and the edits between them, where distances are known."""
         if self.table.distances is None:
             return task_index, edits
@@ -106,7 +106,7 @@ class Collector:
         nearest = int(distances.argmin())
         return (nearest, int(distances[nearest])) if distances[nearest] < edits else (task_index, edits)
 
-    def explore(self, entry: Entry, stops: int) -> None:
+    def explore(self, entry: LabelledStatement, stops: int) -> None:
         """Stops in about `stops` new scenes: of walks from starts, from the empty scene and from known scenes."""
         enough = len(entry.scenes) + stops
         for _ in range(3 * stops):
@@ -114,10 +114,10 @@ class Collector:
                 return
             self._walk(entry, enough)
 
-    def _walk(self, entry: Entry, enough: int) -> None:
+    def _walk(self, entry: LabelledStatement, enough: int) -> None:
         rng = self.rng
         index = self.begin(entry)
-        task_index, edits = entry.ways[index]
+        task_index, edits = entry.paths[index]
         scene = self.table.scene(entry.scenes[index])
         is_build = not any(box.items for box in scene.boxes)
         for _ in range(rng.integers(1, (LONGEST_BUILD if is_build else LONGEST_WALK) + 1)):
@@ -131,9 +131,9 @@ class Collector:
             before = index
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)
-            task_index, edits = entry.ways[index]
+            task_index, edits = entry.paths[index]
 
-    def begin(self, entry: Entry) -> int:
+    def begin(self, entry: LabelledStatement) -> int:
         """The index of a known scene, or of a start."""
         rng = self.rng
         choice = rng.random()
@@ -145,7 +145,9 @@ class Collector:
         task_index = entry.random_task(rng)
         return self.stop(entry, task_index, entry.tasks[task_index].start, 0)
 
-    def climb(self, entries: Sequence[Entry], judge: Callable[[Sequence[Sequence[Scene]]], Float64Array]) -> None:
+    def climb(
+        self, entries: Sequence[LabelledStatement], judge: Callable[[Sequence[Sequence[Scene]]], Float64Array]
+    ) -> None:
         """Walks, one of each entry, of the edits that the model likes best for a truth value, among random ones.
 
         `judge` gives (E, CLIMB_WIDTH) logits of truth. Where the wanted value is met, the walk turns to the other one.
@@ -160,7 +162,7 @@ class Collector:
             for row, choice in enumerate(best.argmax(1).tolist()):
                 entry = entries[row]
                 before = current[row]
-                task_index, edits = entry.ways[before]
+                task_index, edits = entry.paths[before]
                 if edits + 1 >= self.dynamics.horizon:
                     current[row] = self.begin(entry)
                     continue
@@ -168,12 +170,12 @@ class Collector:
                 self._compare(entry, before, after)
                 wanted[row] ^= entry.truths[after] == wanted[row]
 
-    def follow(self, entry: Entry, index: int, actions: Sequence[Action]) -> list[int]:
+    def follow(self, entry: LabelledStatement, index: int, actions: Sequence[Action]) -> list[int]:
         """Plays a plan from a known scene, and stops in each of its scenes, in an episode of its own.
 
         Returns the indices of these scenes.
         """
-        task_index, edits = entry.ways[index]
+        task_index, edits = entry.paths[index]
         state = State(entry.tasks[task_index], self.table.scene(entry.scenes[index]), edits)
         indices = [index]
         for action in actions[:-1]:
@@ -183,7 +185,7 @@ class Collector:
         return indices
 
     @staticmethod
-    def _compare(entry: Entry, before: int, after: int) -> None:
+    def _compare(entry: LabelledStatement, before: int, after: int) -> None:
         """Notes two scenes, one edit apart, if one is true and the other false."""
         if entry.truths[before] != entry.truths[after]:
             entry.pairs.append((before, after) if entry.truths[before] else (after, before))
@@ -200,7 +202,7 @@ class Collector:
         return None
 
 
-def sample_scenes(entry: Entry, count: int, paired: float, rng: Rng) -> Int64Array:
+def sample_scenes(entry: LabelledStatement, count: int, paired: float, rng: Rng) -> Int64Array:
     """(count,) indices of scenes of the entry: a fraction in contrast pairs, the rest half true and half false."""
     pairs = round(count * paired / 2) if entry.pairs else 0
     chosen: list[Int64Array] = []

@@ -52,6 +52,7 @@ class Model(nn.Module):
 
     @property
     def trained_parameters(self) -> int:
+        """The number of weights that training changes."""
         return sum(parameter.numel() for parameter in self.parameters() if parameter.requires_grad)
 
     @property

@@ -46,6 +46,7 @@ class ModelDescription:
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # specific to the kind, such as a vocabulary
 
     def to_json(self) -> dict[str, Any]:
+        """The description stored in the model file, with its format."""
         return {"format": FORMAT, "format_version": VERSION, **asdict(self)}
 
     @classmethod

@@ -76,6 +76,8 @@ class CachedAttention(nn.Module):
 
 
 class EncoderLayer(nn.Module):
+    """Pre-norm layer over the statement's words: self-attention, then a feed-forward block."""
+
     def __init__(self, sizes: Sizes, dropout: float) -> None:
         super().__init__()
         self.attention = CachedAttention(sizes)
@@ -90,6 +92,8 @@ class EncoderLayer(nn.Module):
 
 
 class DecoderLayer(nn.Module):
+    """Pre-norm layer over program tokens: self-attention, attention to the statement, feed-forward."""
+
     def __init__(self, sizes: Sizes, dropout: float) -> None:
         super().__init__()
         self.own = CachedAttention(sizes)

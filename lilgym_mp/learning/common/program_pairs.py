@@ -36,10 +36,12 @@ def standard_colours(words: Iterable[str]) -> dict[str, str]:
 
 
 def exchanged(symbols: Sequence[str], exchange: Exchange) -> list[str]:
+    """The symbols after the exchange; those that it does not name stay."""
     return [exchange.get(symbol, symbol) for symbol in symbols]
 
 
 def inverse(exchange: Exchange) -> dict[str, str]:
+    """The exchange that undoes this one."""
     return {new: old for old, new in exchange.items()}
 
 
@@ -70,9 +72,11 @@ class SymbolTable:
         return 1 + len(self.symbols)
 
     def index(self, symbol: str, default: int | None = None) -> int:
+        """The index of a symbol. Raises KeyError for an unknown one unless `default` is given."""
         return self._indices[symbol] if default is None else self._indices.get(symbol, default)
 
     def symbol(self, index: int) -> str:
+        """The symbol of an index; indices start at 1, as 0 is padding."""
         return self.symbols[index - 1]
 
 

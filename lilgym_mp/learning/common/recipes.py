@@ -48,6 +48,7 @@ class Recipe:
         return cls(**{**defaults, **changes})
 
     def to_json(self) -> dict[str, Any]:
+        """All settings by name."""
         return asdict(self)  # pyright: ignore[reportArgumentType]
 
     @classmethod
@@ -58,10 +59,12 @@ class Recipe:
 
     @classmethod
     def settings(cls) -> Sequence[Field[Any]]:
+        """The fields of the recipe, in their order."""
         return fields(cls)  # pyright: ignore[reportArgumentType]
 
     @classmethod
     def names(cls) -> list[str]:
+        """Names of all settings."""
         return [each.name for each in cls.settings()]
 
     @classmethod

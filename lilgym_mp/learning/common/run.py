@@ -174,6 +174,7 @@ class TrainingRun(ABC):
         return max(by_amount, 0.0 if minutes is None else self.seconds() / (60 * minutes))
 
     def is_over(self) -> bool:
+        """Whether the run has reached its number of steps, or another limit of the learner's."""
         return self.progress() >= 1
 
     def _check_unspent(self) -> None:
@@ -217,6 +218,7 @@ class TrainingRun(ABC):
         self._on_progress(line)
 
     def save(self) -> None:
+        """Writes a checkpoint from which the run can be resumed."""
         counters = {**asdict(self.counters), "cpu_seconds": self.seconds()}
         progress = self.files.progress_bytes
         self.files.save_checkpoint({**self.state(), "counters": counters, "progress_bytes": progress})
@@ -258,6 +260,8 @@ def training(run: Callable[Arguments, TrainingRun]) -> Callable[Arguments, Any]:
 
 @dataclass
 class StopRequest:
+    """Whether a signal has asked the run to stop."""
+
     requested: bool = False
 
 

@@ -58,10 +58,12 @@ class RunDirectory:
 
     @property
     def agent_file(self) -> Path:
+        """Path of the model file, whether or not it exists."""
         return self.path / AGENT_FILE
 
     @property
     def has_checkpoint(self) -> bool:
+        """Whether the run can be resumed."""
         return (self.path / CHECKPOINT_FILE).exists()
 
     @contextmanager

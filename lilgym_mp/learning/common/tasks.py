@@ -60,6 +60,7 @@ class TrainingTasks:
 
     @property
     def plays_empty_starts(self) -> bool:
+        """Whether any task is also played from the empty scene."""
         return bool(self.from_empty.any())
 
 

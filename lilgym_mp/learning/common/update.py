@@ -67,6 +67,8 @@ class Experience:
 
 
 class Losses(NamedTuple):
+    """Losses of a mini-batch, each a scalar."""
+
     total: Tensor
     policy: Tensor
     value: Tensor
@@ -183,6 +185,7 @@ def scale_advantages(advantages: Float32Array, mode: str) -> Float32Array:
 
 
 def mean_losses(parts: list[Losses]) -> Losses:
+    """The mean of each loss."""
     return Losses(*(torch.stack(values).mean() for values in zip(*parts, strict=True)))
 
 

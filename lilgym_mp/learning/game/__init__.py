@@ -1,4 +1,4 @@
-"""Learning both sides of the proposer-verifier game, on the update of `learning.ppo`."""
+"""Learning both sides of the proposer-verifier game, on the update of `learning.common.update`."""
 
 from lilgym_mp.submodules import submodule_getter
 

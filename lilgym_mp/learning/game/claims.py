@@ -27,6 +27,7 @@ class ClaimMemory:
         self._claims: Claims | None = None
 
     def add(self, claims: Claims) -> None:
+        """Adds claims; beyond `claim_memory` of the recipe, the oldest are forgotten."""
         if self._claims is not None:
             claims = Claims.joined([self._claims, claims])
         self._claims = claims.rows(slice(-self._recipe.claim_memory, None))

@@ -1,4 +1,4 @@
-"""The network of both agents: the box transformer of `learning.ppo`, with the situation in the game and two more heads.
+"""The network of both agents: a box transformer with the situation in the game and two more heads.
 
 It gives policies: a choice, and a message where the protocol has messages.
 
@@ -40,14 +40,17 @@ class Categorical:
         return self.log_prob(actions), -(self._log_probs.exp() * self._log_probs).sum(-1)
 
     def log_prob(self, actions: Tensor) -> Tensor:
+        """(N,) log-probabilities of N actions."""
         return self._log_probs.gather(1, actions[:, None]).squeeze(1)
 
     def sample(self, rng: Uniforms) -> Int64Array:
+        """(N,) choices, one uniform number drawn for each."""
         sums = self._log_probs.detach().double().exp().cumsum(-1).cpu().numpy()
         uniforms: Float64Array = rng.random(len(sums))
         return np.minimum((sums <= (uniforms * sums[:, -1])[:, None]).sum(-1), sums.shape[1] - 1)
 
     def greedy(self) -> Int64Array:
+        """(N,) most probable choices."""
         return self._log_probs.argmax(-1).cpu().numpy()
 
 
@@ -67,6 +70,7 @@ class AgentPolicy(NamedTuple):
         return chosen + said, chosen_entropies + said_entropies
 
     def log_prob(self, actions: Tensor) -> Tensor:
+        """(N,) log-probabilities of N actions of the game."""
         if self.message is None:
             return self.choice.log_prob(actions)
         return self.choice.log_prob(actions // self.sizes) + self.message.log_prob(actions % self.sizes)

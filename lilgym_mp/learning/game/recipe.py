@@ -40,6 +40,7 @@ class GameRecipe(UpdateRecipe):
 
     @property
     def learns_claims(self) -> bool:
+        """Whether the verifier learns to judge claims, alone or besides PPO."""
         return self.verifier != "ppo"
 
     @property

@@ -48,6 +48,7 @@ class Seen(NamedTuple):
 
     @classmethod
     def empty(cls, game: Game, turns: int, games: int) -> Seen:
+        """Zeros for so many turns of so many games."""
         shape = len(Role), turns, games
         return cls(
             game, np.zeros((*shape, BOX_COUNT), np.int64), np.zeros((*shape, len(context_sizes(game))), np.int64)
@@ -63,10 +64,12 @@ class Claims(NamedTuple):
     holds: BoolArray  # (C,)
 
     def rows(self, rows: Int64Array | slice) -> Claims:
+        """The claims at the given indices."""
         return self._make(part[rows] for part in self)
 
     @classmethod
     def joined(cls, parts: Sequence[Claims]) -> Claims:
+        """The claims of all parts, in order."""
         return cls._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 

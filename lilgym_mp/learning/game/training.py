@@ -62,6 +62,7 @@ class GameProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Speed, success, J and unfinished games, for the line in the terminal."""
         success, j = (
             "-" if share is None else f"{100 * share:.0f}{unit}" for share, unit in ((self.success, " %"), (self.j, ""))
         )

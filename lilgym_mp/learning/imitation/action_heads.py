@@ -35,14 +35,17 @@ class ActionHeads:
 
     @property
     def add_count(self) -> int:
+        """The number of ADD actions."""
         return BOX_COUNT * self.cells * self.item_types
 
     @property
     def remove_count(self) -> int:
+        """The number of REMOVE actions."""
         return BOX_COUNT * self.cells
 
     @property
     def size(self) -> int:
+        """The number of actions: STOP, all ADD and all REMOVE."""
         return 1 + self.add_count + self.remove_count
 
 

@@ -59,6 +59,7 @@ class NetworkPolicy:
 
     @property
     def device(self) -> torch.device:
+        """The device of the network's weights."""
         return next(self.network.parameters()).device
 
     @torch.inference_mode()

@@ -209,6 +209,7 @@ def _log_masked_probability(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 def losses(outputs: Outputs, batch: Batch) -> Losses:
+    """Mean losses of a batch: truth, optimal actions, steps left and, where predicted, legality."""
     truth = F.binary_cross_entropy_with_logits(outputs.truth, batch.truths)
     actions = -set_log_probabilities(outputs, batch.optimal).mean()
     steps = F.cross_entropy(outputs.steps.flatten(0, 1), batch.steps.flatten())

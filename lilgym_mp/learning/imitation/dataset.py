@@ -12,7 +12,7 @@ from lilgym_mp.corpus.matching import BOX_ORDERS
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.learning.common.augmentation import recolourable
-from lilgym_mp.learning.common.labelled_scenes import Boxes, Entry, Rng
+from lilgym_mp.learning.common.labelled_scenes import Boxes, LabelledStatement, Rng
 from lilgym_mp.learning.common.tasks import choose_held_out
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -26,7 +26,7 @@ MAX_RANDOM_EDITS = 3
 
 
 @dataclass(kw_only=True)
-class DatasetEntry(Entry):
+class DatasetEntry(LabelledStatement):
     """One statement and the scenes labelled for it so far: M scenes, some of them with optimal actions."""
 
     program: Program

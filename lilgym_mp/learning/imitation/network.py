@@ -103,6 +103,8 @@ def items_by_box(x: Tensor, by_box: Tensor) -> Tensor:
 
 
 class ItemLayer(nn.Module):
+    """Items attend to words, then to each other through their relations."""
+
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
         self.reading = Attention(width, heads)

@@ -64,7 +64,7 @@ class TaughtCollector(DataCollector):
     def _teach(self, entry: DatasetEntry, index: int) -> None:
         """Adds the actions of confirmed plans from a known scene to the opposite truth value."""
         truth = entry.truths[index]
-        steps = entry.ways[index].edits
+        steps = entry.paths[index].edits
         scene = self.table.scene(entry.scenes[index])
         plans = self._planner.plans(scene, entry.statement, not truth, steps, MOST_PLANS)
         self.expert_queries += 1

@@ -70,6 +70,7 @@ class ImitationProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Losses of the phase in progress, for the line in the terminal."""
         if self.actions is None or self.truth_accuracy is None:
             return f"text layers, loss {self.text or 0:.2f}"
         return f"{self.states:,} states, loss {self.actions:.2f}, truth {100 * self.truth_accuracy:.1f} %"

@@ -29,6 +29,7 @@ class ParseAndPlanAgent(Agent):
 
     @property
     def network(self) -> ParserNetwork:
+        """The network of the parser."""
         return self.parser.network
 
     def planner(self, settings: Settings) -> ProgramPlanner:

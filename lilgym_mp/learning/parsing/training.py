@@ -51,6 +51,7 @@ class ParserProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Loss and CPU time, for the line in the terminal."""
         return f"loss {self.loss:.3f}, {self.cpu_seconds / 60:.1f} CPU minutes"
 
 

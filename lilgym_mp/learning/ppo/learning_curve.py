@@ -35,6 +35,7 @@ class LearningCurve:
         self.last: int | None = None  # steps of the latest point
 
     def is_due(self, steps: int) -> bool:
+        """Whether `steps` are enough since the last evaluation; the first is always due."""
         return self.last is None or steps - self.last >= self._every
 
     def add_point(self, model: Model, steps: int) -> None:
@@ -47,6 +48,7 @@ class LearningCurve:
         self.last = steps
 
     def evaluation(self, policy: Policy, steps: int) -> DevEvaluation:
+        """Plays the dev split once; accuracies on solvable tasks are None where the curve has none."""
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
         solvable = [episode for episode in episodes if episode.task in self._matching]
         return DevEvaluation(

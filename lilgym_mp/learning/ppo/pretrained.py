@@ -422,6 +422,7 @@ class Transformer(nn.Module):
 
     @property
     def width(self) -> int:
+        """Length of the vectors that the model gives for each token."""
         return int(self.network.config.hidden_size)
 
     def forward(self, states: States) -> Tensor:

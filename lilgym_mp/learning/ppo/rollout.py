@@ -174,6 +174,7 @@ class RolloutCollector:
         return rewards.astype(np.float32), ended
 
     def close(self) -> None:
+        """Closes the environments."""
         self._envs.close()
 
 

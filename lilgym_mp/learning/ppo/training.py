@@ -59,6 +59,7 @@ class PPOProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Speed and accuracy in training, for the line in the terminal."""
         accuracy = "-" if self.accuracy is None else f"{100 * self.accuracy:.0f} %"
         return f"{self.steps_per_second:,.0f} steps/s, training accuracy {accuracy}"
 
@@ -164,6 +165,7 @@ class PPORun(TrainingRun):
             self.save()
 
     def is_over(self) -> bool:
+        """Also once the validation is out of patience."""
         return super().is_over() or self.validation.is_out_of_patience
 
     def step(self) -> PPOProgress:

@@ -37,10 +37,12 @@ class Validation:
         self.best_weights: dict[str, Tensor] | None = None
 
     def is_due(self, steps: int) -> bool:
+        """Whether `steps` are enough since the last validation; never without validation tasks."""
         return bool(self._task_ids) and steps - self.state.validated_at >= self._recipe.validate_every
 
     @property
     def is_out_of_patience(self) -> bool:
+        """Whether too many validations in a row brought no better result; never if patience is 0."""
         return 0 < self._recipe.patience <= self.state.without_better
 
     def validate(self, model: Model, steps: int) -> None:

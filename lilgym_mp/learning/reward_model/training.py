@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, sample_scenes
+from lilgym_mp.learning.common.labelled_scenes import Collector, LabelledStatement, entries_of, sample_scenes
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.run_directory import TrainingRunError
@@ -53,6 +53,7 @@ class RewardModelProgress(NamedTuple):
 
     @property
     def note(self) -> str:
+        """Labelled stops, loss and accuracies, for the line in the terminal."""
         held_out = self.held_out_accuracy
         known = "" if held_out is None else f", held out {100 * held_out:.1f} %"
         return f"{self.stops:,} stops, loss {self.loss:.2f}, truth {100 * self.accuracy:.1f} %{known}"
@@ -154,7 +155,11 @@ class RewardModelRun(TrainingRun):
         return loss.item(), _accuracy(logits, truths)
 
     def _judged(
-        self, network: ModulatedNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
+        self,
+        network: ModulatedNetwork,
+        columns: Columns,
+        entries: Sequence[LabelledStatement],
+        indices: Sequence[Int64Array],
     ) -> tuple[Tensor, Tensor]:
         """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
         rows = [(entry, row.tolist()) for entry, row in zip(entries, indices, strict=True)]
@@ -201,7 +206,7 @@ class RewardModelRun(TrainingRun):
                 self._search(entry)
 
     @torch.inference_mode()
-    def _climb(self, entries: Sequence[Entry]) -> None:
+    def _climb(self, entries: Sequence[LabelledStatement]) -> None:
         """Walks of the edits that the averaged model likes best."""
         reader = self._search_reader
         table = reader.renewed_table()
@@ -218,7 +223,7 @@ class RewardModelRun(TrainingRun):
         kinds = self._reader.kinds(statement)
         return kinds[self._rng.integers(len(kinds))]
 
-    def _search(self, entry: Entry) -> None:
+    def _search(self, entry: LabelledStatement) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
         recipe = replace(self._recipe, averaged_exchanges=1)
@@ -226,7 +231,7 @@ class RewardModelRun(TrainingRun):
         target = bool(self._rng.integers(2))
         start = entry.tasks[task_index].start
         index = self._collector.stop(entry, task_index, start, 0)
-        plan = planner.plan(start, entry.statement, target, entry.ways[index].edits)
+        plan = planner.plan(start, entry.statement, target, entry.paths[index].edits)
         self._collector.follow(entry, index, plan.actions)
 
     # Files

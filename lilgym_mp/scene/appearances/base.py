@@ -18,6 +18,7 @@ LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint
 
 
 def fits_box(footprint: int, x: int, y: int) -> bool:
+    """Whether an item with its top-left corner at (x, y) pixels lies within a box."""
     return 0 <= x <= LAST_CORNER[footprint] and 0 <= y <= LAST_CORNER[footprint]
 
 
@@ -61,10 +62,12 @@ class Appearance(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """The name in configurations."""
 
     @property
-    def action_count(self) -> int: ...
+    def action_count(self) -> int:
+        """The number of actions; index 0 is STOP."""
 
     @property
     def grid(self) -> Grid | None:

@@ -65,11 +65,13 @@ class Cells(NamedTuple):
 
     @property
     def box_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the cells in a box."""
         width, height = self.size
         return BOX_SIDE // height, BOX_SIDE // width
 
     @property
     def limits(self) -> tuple[str]:
+        """Range of the coordinates, for messages."""
         columns, rows = self.counts
         return (f"COLUMN, 0 .. {columns - 1}, and ROW, 0 .. {rows - 1}",)
 

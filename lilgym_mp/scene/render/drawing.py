@@ -78,7 +78,18 @@ def empty_picture(shrink: int) -> UInt8Array:
 
 
 def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
-    """A new image of the scene: (100, 380, 3), or (50, 190, 3) when `image_size` is "half"."""
+    """A new image of the scene.
+
+    Args:
+        scene: The scene.
+        image_size: "native" or "half".
+
+    Returns:
+        uint8 (100, 380, 3), or (50, 190, 3) at half size.
+
+    Raises:
+        ValueError: For another `image_size`; the message names the choices.
+    """
     pixels = empty_picture(1).copy()
     for index, box in enumerate(scene.boxes):
         for item in box.items:
@@ -124,6 +135,7 @@ class Palette(NamedTuple):
 
 @cache
 def palette(shrink: int) -> Palette:
+    """Weights that make counts of painted pixels a code, and the colour of a shrunken pixel per code."""
     base = shrink**2 + 1  # a block has 0 to shrink**2 pixels of each colour
     weights = {colour: base**colour for colour in Colour}
     codes = np.arange(shrink**2 * max(weights.values()) + 1, dtype=np.int64)[:, None]
@@ -136,6 +148,7 @@ def palette(shrink: int) -> Palette:
 
 @cache
 def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
+    """The shrunken drawing of an item; `odd_x` and `odd_y` are the offsets of its corner from even pixels."""
     side = FOOTPRINT_SIDES[footprint]
     width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
     drawn = np.zeros((height, width), np.uint8)

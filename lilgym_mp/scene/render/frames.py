@@ -35,8 +35,15 @@ CELL_RGB = (180, 180, 180)
 
 
 def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
-    """(224, 784, 3) the scene at twice its native size. `marked`: with the names that actions of this appearance use:
-    column and row numbers of cells, or names of boxes."""
+    """The scene at twice its native size.
+
+    Args:
+        scene: The scene.
+        marked: With the names that actions of this appearance use: column and row numbers of cells, or names of boxes.
+
+    Returns:
+        uint8 (224, 784, 3).
+    """
     image = Image.new("RGB", (SCENE_SHAPE[1], SCENE_SHAPE[0]), PAPER_RGB)
     grid = None if marked is None else marked.grid
     image.paste(Image.fromarray(smooth_picture(scene, SCALE, grid)), (MARGIN, MARGIN))
@@ -48,7 +55,16 @@ def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
 
 
 def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) -> UInt8Array:
-    """(304, 784, 3) `scene_picture` above lines of text, which are truncated to the width."""
+    """`scene_picture` above lines of text.
+
+    Args:
+        scene: The scene.
+        lines: The lines, which are truncated to the width.
+        marked: As for `scene_picture`.
+
+    Returns:
+        uint8 (304, 784, 3).
+    """
     height, width, _ = FRAME_SHAPE
     image = Image.new("RGB", (width, height), PAPER_RGB)
     image.paste(Image.fromarray(scene_picture(scene, marked)))
@@ -62,6 +78,7 @@ def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) 
 
 @cache
 def caption_font() -> Font:
+    """The font of captions, loaded once."""
     return ImageFont.load_default(FONT_PIXELS)
 
 

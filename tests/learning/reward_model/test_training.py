@@ -14,7 +14,7 @@ import pytest
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of
+from lilgym_mp.learning.common.labelled_scenes import Collector, LabelledStatement, entries_of
 from lilgym_mp.learning.common.model_file import ModelFileError, save_model
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError
 from lilgym_mp.learning.reward_model import training
@@ -60,7 +60,7 @@ def test_training__learns_nothing_from_shuffled_rewards(
     assert np.mean(judged == entry.truths) < 0.75
 
 
-def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collector]:
+def labelled_entry(settings: Settings, stops: int = 60) -> tuple[LabelledStatement, Collector]:
     entry = entries_of([settings.make("train").tasks])[0]
     collector = Collector(settings.dynamics(), BoxTable(settings.appearance), np.random.default_rng(1))
     collector.explore(entry, stops)
@@ -102,7 +102,7 @@ def test_climb__stops_in_the_edits_that_the_model_likes_best_for_a_truth_value(s
 
     before = len(entry.scenes)
     collector.climb([entry], judge)
-    starts = {entry.tasks[way.task].start for way in entry.ways}
+    starts = {entry.tasks[path.task].start for path in entry.paths}
     after = {collector.table.scene(boxes) for boxes in entry.scenes[before:]}
     assert after - starts
     assert after <= liked | starts
@@ -117,10 +117,10 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
     settings = Settings("TowerFlipIt", corpus=statements)
     _, collector = labelled_entry(settings)
     tasks = sorted(settings.make("train").tasks, key=lambda task: len(list(task.start.items())))
-    entry, before = Entry("new", tasks[:3]), collector.steps
+    entry, before = LabelledStatement("new", tasks[:3]), collector.steps
     scene = tasks[2].start
-    way = entry.ways[collector.stop(entry, 0, scene, 5)]
-    assert (entry.tasks[way.task].start, way.edits) == (scene, 0)
+    path = entry.paths[collector.stop(entry, 0, scene, 5)]
+    assert (entry.tasks[path.task].start, path.edits) == (scene, 0)
     assert collector.steps == before + 1
 
 

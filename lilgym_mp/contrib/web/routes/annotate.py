@@ -33,10 +33,14 @@ FAILED = "Saved, but your program does not have the statement's value in every h
 
 
 class ProgramBody(BaseModel):
+    """Request with the text of a program."""
+
     program: Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH)]
 
 
 class NewAnnotation(ProgramBody):
+    """Request to keep a program under the annotator's name."""
+
     name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80)]
 
 
@@ -62,6 +66,7 @@ Scenes = Annotated[LabelledScenes, Depends(get_scenes)]
 
 @router.get("/annotate", include_in_schema=False)
 def annotate_page(request: Request, services: Services) -> Response:
+    """The page on which visitors write programs for statements."""
     words = [word._asdict() for word in vocabulary()]
     return render_page(request, "annotate.html", appearances=services.appearances(), words=words)
 

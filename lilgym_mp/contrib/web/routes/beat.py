@@ -41,6 +41,7 @@ class Row(NamedTuple):
 
 @router.get("/beat", include_in_schema=False)
 def beat_page(request: Request, services: Services) -> Response:
+    """The page on which a person plays against the parsing agent."""
     has_agent = PARSER in services.runs.agents()
     return render_page(request, "beat.html", sizes=services.sizes(), agent=AGENT_NAME, has_agent=has_agent)
 

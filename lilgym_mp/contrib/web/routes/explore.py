@@ -81,6 +81,7 @@ FoundStatement = Annotated[CorpusStatement, Depends(find_statement)]
 
 @router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)
 def statement_page(request: Request, found: FoundStatement) -> Response:
+    """The page of one statement of the corpus."""
     return render_page(request, "explore_statement.html", found=found)
 
 

@@ -88,6 +88,7 @@ class SeatAction(BaseModel):
 
 @router.get("/game", include_in_schema=False)
 def game_page(request: Request, services: Services) -> Response:
+    """The page of the two-agent game, with the choices of its form."""
     return render_page(
         request,
         "game.html",

@@ -80,6 +80,7 @@ class LoadedEpisode:
 
     @property
     def over(self) -> bool:
+        """Whether the episode has ended."""
         return self.row.outcome is not None
 
 
@@ -109,6 +110,7 @@ def find_loaded(connection: sqlite3.Connection, services: Services, episode_id: 
 
 
 def load_episode(services: Services, episode_id: RandomId) -> LoadedEpisode:
+    """FastAPI dependency: the stored episode named in the path."""
     with services.database.read() as connection:
         return find_loaded(connection, services, episode_id)
 

@@ -35,6 +35,8 @@ _PLANNING = Lock()  # one sentence at a time, so that planning occupies one core
 
 
 class NewSentence(BaseModel):
+    """Request to read a visitor's sentence and plan for it."""
+
     sentence: Annotated[Name, StringConstraints(strip_whitespace=True, min_length=1)]
     appearance: AppearanceName = "tower"
     target: bool = True
@@ -42,6 +44,7 @@ class NewSentence(BaseModel):
 
 @router.get("/sentence", include_in_schema=False)
 def sentence_page(request: Request, services: Services) -> Response:
+    """The page on which visitors enter sentences of their own."""
     read = {read_configuration(name)[0] for name in services.runs.plays(PARSER)}
     appearances = {name: name + ("" if name in read else ": not in what the agent reads") for name in APPEARANCES}
     return render_page(request, "sentence.html", appearances=appearances, examples=EXAMPLES)

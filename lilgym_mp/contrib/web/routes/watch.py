@@ -49,6 +49,7 @@ class NewRecording(BaseModel):
 
 @router.get("/watch", include_in_schema=False)
 def watch_page(request: Request, services: Services) -> Response:
+    """The page that shows agents' episodes; only configurations that each agent plays are offered."""
     offered = services.sizes()
     agents = [
         (agent, title, [name for name in services.runs.plays(agent) if name in offered])

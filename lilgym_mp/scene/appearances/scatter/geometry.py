@@ -115,6 +115,7 @@ def _resolved_move(
 
 @cache
 def placement_tables() -> PlacementTables:
+    """The tables of data/placement.npz, loaded once."""
     with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
         segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
         outlines = [(px, py) for px, py in arrays["outlines"].tolist()]

@@ -43,6 +43,7 @@ EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY
 
 @cache
 def tower_tables() -> TowerTables:
+    """Tables of all possible boxes and of the actions' effects on them."""
     boxes = tuple(_boxes().values())
     indices = {box.items: index for index, box in enumerate(boxes)}
     colours = np.full((len(boxes), CAPACITY), -1, np.int8)
@@ -90,6 +91,7 @@ def successors(box: Box) -> tuple[Box | None, ...]:
 
 
 def shared_box(box: Box) -> Box:
+    """The one object for a box of Tower. Raises SceneError for a box that is no tower."""
     try:
         return _boxes()[box.items]
     except KeyError:

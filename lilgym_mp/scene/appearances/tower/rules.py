@@ -36,6 +36,7 @@ class Tower:
 
     @property
     def every_box(self) -> EveryBox:
+        """All 121 boxes, and the edits between any two."""
         return geometry.every_box()
 
     @property
