@@ -30,7 +30,7 @@ from lilgym_mp.envs.proposer_verifier.metrics import summarise
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
 from lilgym_mp.evaluation.policies import FunctionPolicy, Policy, built_in_policy
-from lilgym_mp.learning.common.agents import ModelError, load_agent
+from lilgym_mp.learning.common.agents import AgentError, load_agent
 from lilgym_mp.learning.common.learners import shipped_agents
 from lilgym_mp.scene.actions import describe
 
@@ -141,7 +141,7 @@ def shipped(args: argparse.Namespace) -> Mapping[str, Figures]:
         for role in Role:
             try:
                 partner = agent.partner(role, env(GAME, corpus=args.corpus).unwrapped.engine.game.settings)
-            except ModelError:
+            except AgentError:
                 continue
             if partner is not None:
                 figures[role.name.lower()] = seat(role, partner, args)
