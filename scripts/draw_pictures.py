@@ -107,9 +107,9 @@ def draw_films() -> None:
         save_gif(PICTURES / f"{configuration}.gif", frames)
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
         films.append(list(episode_frames(Settings(configuration).make(SPLIT), episode)))
-    for dark in (False, True):
-        film_frames(PICTURES / f"agent{'-dark' * dark}.gif", films, columns=2, dark=dark)
-        film_frames(PICTURES / f"agent-phone{'-dark' * dark}.gif", films[1::2], columns=1, dark=dark)
+    film_frames(PICTURES / "agent.gif", films, columns=2)
+    film_frames(PICTURES / "agent-dark.gif", films, columns=2, dark=True)
+    film_frames(PICTURES / "agent-phone.gif", films[1::2], columns=1)
 
 
 def draw_games() -> None:
@@ -259,7 +259,9 @@ DRAWN: dict[str, Callable[[], None]] = {
 FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
     *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
-    *(f"agent{window}{page}.gif" for window in ("", "-phone") for page in ("", "-dark")),
+    "agent.gif",
+    "agent-dark.gif",
+    "agent-phone.gif",
     "episode.png",
     "report.png",
     "proposer_verifier_curve.svg",
