@@ -1,25 +1,31 @@
 """Draws the pictures and films of README and docs into docs/pictures: `python scripts/draw_pictures.py [NAME ...]`.
 
-Without names it draws those that take a minute or two: films of included agents (needs the extra `sb3`), games
-(`pettingzoo`), and the architecture. `--list` prints the commands for the others, which need a training run or the
-official data.
+Without names it draws those that take minutes: films of included agents (needs the extra `train`), games
+(`pettingzoo`), charts of docs/results and a report (`report` and Chromium), and the architecture. `--list` prints the
+commands for the others, which need a training run or the official data.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Callable, Sequence
+from contextlib import chdir
 from html import escape
 from pathlib import Path
 
+import draw_results
 import gymnasium as gym
 import numpy as np
 from PIL import Image
 
 import lilgym_mp
+from lilgym_mp.cli import main as command
+from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     PROTOCOLS,
@@ -42,6 +48,7 @@ from lilgym_mp.solver import Solver
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
 AGENT, SPLIT = "parse-and-plan", "dev"
+REPORTED = "imitation-tower"  # a fast agent for the picture of a report
 SHOWN = {  # tasks for the films
     "TowerScratch": "tower-dev-048",
     "TowerFlipIt": "tower-dev-144-e",
@@ -50,25 +57,19 @@ SHOWN = {  # tasks for the films
 }
 PROPOSERS = {"critique": "deceptive"}  # "helpful" in the other protocols
 GAME_SEED = 7
+CHROMIUM = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"),
+    *("--force-color-profile=srgb", "--window-size=960,1125"),
+)
 LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
-    "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "llm_curve.png": "a chart of what examples/finetune_language_model.py and train_language_model.py --out write",
     "sb3_curve.png": "a chart of evaluations on official dev during examples/train_masked_ppo.py, three seeds",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
-    "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
-    **dict.fromkeys(
-        (
-            "results-mean-reward.png",
-            "results-edits-needed.png",
-            "results-ppo-curves.png",
-            "results-table-2-curves.png",
-        ),
-        "python scripts/draw_results.py",
-    ),
+    "results-edits-needed.png": "python scripts/draw_results.py",
     "results-*.png": "charts of a report; lilgym-mp report RESULTS --out OUT with RESULTS as in docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
 }
@@ -78,7 +79,7 @@ def shown_episode(configuration: str) -> Episode:
     """The agent's episode of the task in SHOWN, which must succeed without a needless action."""
     settings = Settings(configuration)
     policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
-    (episode,) = (one for one in evaluate(policy, settings, SPLIT) if one.task == SHOWN[configuration])
+    (episode,) = evaluate(policy, settings, SPLIT, task_ids=[SHOWN[configuration]])
     task = settings.make(SPLIT).tasks.by_id(episode.task)
     assert episode.is_success
     assert len(episode.actions) == Solver(settings.dynamics()).solve(task).steps
@@ -98,7 +99,7 @@ def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
 
 
 def draw_films() -> None:
-    """A film and a first frame for each configuration, and one film of all four."""
+    """A film and a first frame for each configuration, and films of all four, and of two for phones."""
     films = []
     for configuration in CONFIGURATIONS:
         episode = shown_episode(configuration)
@@ -107,6 +108,8 @@ def draw_films() -> None:
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
         films.append(list(episode_frames(Settings(configuration).make(SPLIT), episode)))
     film_frames(PICTURES / "agent.gif", films, columns=2)
+    film_frames(PICTURES / "agent-dark.gif", films, columns=2, dark=True)
+    film_frames(PICTURES / "agent-phone.gif", films[1::2], columns=1)
 
 
 def draw_games() -> None:
@@ -214,6 +217,32 @@ def draw_signs() -> None:
     (PICTURES / "badges.svg").write_text(badges())
 
 
+def draw_report() -> None:
+    """The beginning of a report on the included agent and other policies, as Chromium shows it."""
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        raise SystemExit("no Chromium on the PATH")
+    with tempfile.TemporaryDirectory() as name, chdir(name):
+        policies = ["--policy", "expert", "random-type", "--configuration", "TowerScratch"]
+        command(["evaluate", REPORTED, *policies, "--record", "results", "--optimal", "--device", "cpu"])
+        command(["report", "results", "--out", "report"])
+        address = Path("report", "index.html").resolve().as_uri()
+        picture = f"--screenshot={PICTURES / 'report.png'}"
+        subprocess.run([program, *CHROMIUM, picture, address], check=True, capture_output=True)
+
+
+def draw_charts() -> None:
+    """The charts of tables in docs/results that need no official data."""
+    charts = {
+        "results-ppo-curves.png": draw_results.curves(),
+        "results-table-2-curves.png": draw_results.curves(draw_results.PAPER_CURVES),
+        "results-mean-reward.png": draw_results.rewards(),
+        "proposer_verifier_curve.svg": draw_results.verifier_curve(),
+    }
+    for name, figure in charts.items():
+        save(figure, PICTURES / name, Path(name).suffix[1:])
+
+
 def _run(*command: str) -> None:
     subprocess.run([sys.executable, *command], cwd=ROOT, check=True)
 
@@ -224,12 +253,21 @@ DRAWN: dict[str, Callable[[], None]] = {
     "episode": draw_episode,
     "architecture": draw_architecture,
     "signs": draw_signs,
+    "charts": draw_charts,
+    "report": draw_report,
 }
 FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
     *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
     "agent.gif",
+    "agent-dark.gif",
+    "agent-phone.gif",
     "episode.png",
+    "report.png",
+    "proposer_verifier_curve.svg",
+    "results-mean-reward.png",
+    "results-ppo-curves.png",
+    "results-table-2-curves.png",
     "architecture.svg",
     "logo.svg",
     "badges.svg",

@@ -19,7 +19,7 @@ from typing import Any
 from write_result_tables import RESULTS, read, runs_by_row, tasks, write
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.contrib.report.charts import BarPanel, Looks, bar_chart, line_chart, save
+from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart, save
 from lilgym_mp.contrib.report.items import Chart
 from lilgym_mp.contrib.report.learning_curves import PROGRAM_ACCURACY, mean_line
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -78,6 +78,18 @@ def curves(rows: dict[str, str] = CURVES) -> Any:
         if lines:
             panels.append((name, "actions of training", "accuracy on dev, %", lines))
     return line_chart(panels, Looks()) if panels else None
+
+
+def verifier_curve() -> Any:
+    """What a verifier learns in an audit of TowerScratch, by split."""
+    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for games, split, rate, value in read("verifier_curve")[1:]:
+        found.setdefault((rate, split), []).append((float(games), 100 * float(value)))
+    lines = [
+        Line(f"{rate}, {split}", *map(list, zip(*points, strict=True)), agent=rate)
+        for (rate, split), points in found.items()
+    ]
+    return line_chart([("", "games judged", "%", lines)], Looks())
 
 
 def rewards() -> Any:

@@ -140,6 +140,7 @@ def _film(configuration: str) -> str:
 def _opening(settings: Sequence[Settings]) -> Iterator[str]:
     yield f"# {settings[0].appearance.capitalize()}"
     yield "\n".join(f'- `gym.make("{one.id}")`: {ABOUT[one.appearance, one.start]}' for one in settings)
+    yield _facts(settings)
     for one in settings:
         yield _film(one.configuration)
     yield (
@@ -148,6 +149,25 @@ def _opening(settings: Sequence[Settings]) -> Iterator[str]:
     )
     for one in settings:
         yield f"![A start scene of {one.configuration} with the grid](../pictures/{one.configuration}.png)"
+
+
+def _facts(settings: Sequence[Settings]) -> str:
+    """The environment at a glance."""
+    image, *_ = parts = _space(settings[0]).spaces.items()
+    words = {"image": f"`image` {_space_text(image[1])}"}
+    paper = RULE_SETS["paper"]
+    success, step = (paper.signals[each][0] for each in (Outcome.SUCCESS, Outcome.CONTINUES))
+    facts = {
+        "action space": f"`Discrete({settings[0].dynamics().appearance.action_count})`",
+        "[observation](index.md#observations)": ", ".join(words.get(name, f"`{name}`") for name, _ in parts),
+        "[reward](index.md#rewards-and-termination)": (
+            f"{success:+g} for STOP where the statement has the target value, {step:+g} for each action before, -1 at "
+            "any other end"
+        ),
+        "horizon": f"{paper.horizon} actions",
+        "import": "`import gymnasium as gym, lilgym_mp`",
+    }
+    return _table(("fact", "value"), facts.items())
 
 
 def _observations(settings: Sequence[Settings]) -> Iterator[str]:

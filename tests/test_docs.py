@@ -10,6 +10,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+from PIL import Image, ImageSequence
 
 from lilgym_mp.cli import main, parse_args
 from lilgym_mp.solver import expert
@@ -159,3 +160,27 @@ def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command() -
     assert [pattern for pattern in drawing.ELSEWHERE if not any(fnmatch(name, pattern) for name in others)] == []
     assert (folder / "badges.svg").read_text() == drawing.badges()
     assert (folder / "logo.svg").read_text() == drawing.logo()
+
+
+@pytest.mark.long
+def test_pictures_drawn_from_code_and_tables__are_the_saved_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for needed in ("torch", "matplotlib"):
+        pytest.importorskip(needed)
+    drawing = load_script("draw_pictures")
+    saved = drawing.PICTURES
+    monkeypatch.setattr(drawing, "PICTURES", tmp_path)
+    for name in ("films", "episode", "signs", "charts"):
+        drawing.DRAWN[name]()
+    drawn = sorted(tmp_path.iterdir())
+    assert [path.name for path in drawn if _pixels(path) != _pixels(saved / path.name)] == []
+    assert {"agent.gif", "episode.png", "logo.svg", "results-ppo-curves.png"} <= {path.name for path in drawn}
+
+
+def _pixels(path: Path) -> object:
+    """The frames of a picture, or the text of a drawing."""
+    if path.suffix == ".svg":
+        return path.read_text()
+    with Image.open(path) as picture:
+        return [frame.convert("RGB").tobytes() for frame in ImageSequence.Iterator(picture)]

@@ -10,6 +10,7 @@ import re
 import runpy
 import subprocess
 import sys
+from base64 import b64decode
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -97,6 +98,12 @@ def test_train_masked_ppo__evaluates_the_model_that_it_saves(run: Run, tmp_path:
     assert (tmp_path / "masked_ppo.zip").exists()
 
 
+def test_tour__saved_outputs_are_pictures_rather_than_names_of_objects() -> None:
+    text = (EXAMPLES / "tour.ipynb").read_text()
+    assert "<IPython.core.display" not in text
+    assert "data:image/gif;base64," in text
+
+
 @pytest.mark.long
 def test_tour__runs_and_shows_scenes_a_film_and_a_chart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -104,7 +111,11 @@ def test_tour__runs_and_shows_scenes_a_film_and_a_chart(
     _needs("torch")
     _needs("matplotlib")
     shown: list[Any] = []
-    display = SimpleNamespace(display=shown.append, Image=lambda name: Image.open(io.BytesIO(Path(name).read_bytes())))
+    display = SimpleNamespace(
+        display=shown.append,
+        Image=lambda name: Image.open(io.BytesIO(Path(name).read_bytes())),
+        HTML=lambda text: Image.open(io.BytesIO(b64decode(text.partition("base64,")[2].partition('"')[0]))),
+    )
     notebook = SimpleNamespace(version_info=(9, 0), get_ipython=lambda: None, display=display)  # without Jupyter
     monkeypatch.setitem(sys.modules, "IPython", notebook)
     monkeypatch.setitem(sys.modules, "IPython.display", display)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,9 +17,9 @@ from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.frames import smooth_picture
 
-FIRST_FRAME_SECONDS = 1.8
-FRAME_SECONDS = 1.0
-LAST_FRAME_SECONDS = 3.0
+MOVING_SECONDS = 4.8  # at most, so that short films need no pause button (WCAG 2.2.2 begins at 5 seconds)
+FIRST_FRAME_SHARE = 1.5  # times as long as the next ones
+FRAME_SECONDS = (0.5, 1.0)  # shortest and longest
 
 FONT_PIXELS = 14
 LINE_HEIGHT = 18
@@ -37,7 +37,18 @@ SUCCESS_RGB = (0, 140, 60)
 FAILURE_RGB = (200, 40, 30)
 SCORE_WIDTH, SCORE_HEAD, SCORE_ROW, ACTION_WIDTH = 1000, 120, 68, 16  # pixels
 SCORE_COLUMNS = (24, 232, 700)  # left edges of scenes, tasks and bars
+DARK_RGB = {  # what a film on a dark page has instead
+    PAPER_RGB: (13, 17, 23),
+    INK_RGB: (230, 237, 243),
+    PENDING_RGB: (70, 76, 84),
+    MISSED_RGB: (240, 150, 70),
+    SUCCESS_RGB: (70, 190, 100),
+    FAILURE_RGB: (255, 110, 100),
+}
 PLAYER_RGB = ((0, 114, 178), (213, 94, 0), (140, 140, 140))
+
+
+RGB = tuple[int, int, int]
 
 
 class FilmFrame(NamedTuple):
@@ -46,7 +57,7 @@ class FilmFrame(NamedTuple):
     picture: UInt8Array  # (100, 380, 3), antialiased
     task: str  # statement and target as text
     caption: str  # last action, and the outcome at the end
-    rgb: tuple[int, int, int]  # colour of caption and border
+    rgb: RGB  # colour of caption and border
     truth: bool  # of the statement in the picture
     target: bool
 
@@ -58,7 +69,7 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     target = episode.target
     task = f'"{episode.statement}"'
 
-    def frame(caption: str, rgb: tuple[int, int, int]) -> FilmFrame:
+    def frame(caption: str, rgb: RGB) -> FilmFrame:
         truth = target if env.goal_reached() else not target
         return FilmFrame(smooth_picture(env.scene, 1), task, caption, rgb, truth, target)
 
@@ -73,40 +84,42 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
         yield frame(caption, rgb)
 
 
-def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int) -> None:
+def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int, *, dark: bool = False) -> None:
     """Writes a GIF of films in a grid; each stays on its last frame until all have ended."""
+    shown = DARK_RGB if dark else {rgb: rgb for rgb in DARK_RGB}
     length = max(map(len, films))
-    save_gif(path, (_grid([film[min(index, len(film) - 1)] for film in films], columns) for index in range(length)))
+    moments = ([film[min(index, len(film) - 1)] for film in films] for index in range(length))
+    save_gif(path, (_grid(frames, columns, shown) for frames in moments))
 
 
-def _grid(frames: Sequence[FilmFrame], columns: int) -> UInt8Array:
+def _grid(frames: Sequence[FilmFrame], columns: int, shown: Mapping[RGB, RGB]) -> UInt8Array:
     rows = -(-len(frames) // columns)
-    image = Image.new("RGB", (columns * TILE_WIDTH, rows * TILE_HEIGHT), PAPER_RGB)
+    image = Image.new("RGB", (columns * TILE_WIDTH, rows * TILE_HEIGHT), shown[PAPER_RGB])
     for index, frame in enumerate(frames):
         row, column = divmod(index, columns)
-        image.paste(_tile(frame), (column * TILE_WIDTH, row * TILE_HEIGHT))
+        image.paste(_tile(frame, shown), (column * TILE_WIDTH, row * TILE_HEIGHT))
     return np.asarray(image)
 
 
-def _tile(frame: FilmFrame) -> Image.Image:
-    tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
+def _tile(frame: FilmFrame, shown: Mapping[RGB, RGB]) -> Image.Image:
+    tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), shown[PAPER_RGB])
     pen = ImageDraw.Draw(tile)
     font = ImageFont.load_default(FONT_PIXELS)
     lines = wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]
     for row, line in enumerate(lines, STATEMENT_LINES - len(lines)):
-        pen.text((MARGIN, MARGIN + row * LINE_HEIGHT), line, fill=INK_RGB, font=font)
+        pen.text((MARGIN, MARGIN + row * LINE_HEIGHT), line, fill=shown[INK_RGB], font=font)
     top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
     border = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
-    pen.rectangle(border, fill=frame.rgb)
+    pen.rectangle(border, fill=shown[frame.rgb])
     tile.paste(Image.fromarray(frame.picture), (MARGIN, top))
     ink = INK_RGB if frame.rgb == PENDING_RGB else frame.rgb
     bottom = top + IMAGE_HEIGHT + BORDER + 2
-    pen.text((MARGIN, bottom), frame.caption, fill=ink, font=font)
+    pen.text((MARGIN, bottom), frame.caption, fill=shown[ink], font=font)
     goal = f"goal: {str(frame.target).lower()}"
     now = f"now: {str(frame.truth).lower()}"
     rgb = SUCCESS_RGB if frame.truth == frame.target else MISSED_RGB
-    pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=INK_RGB, font=font)
-    pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=rgb, font=font)
+    pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=shown[INK_RGB], font=font)
+    pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=shown[rgb], font=font)
     return tile
 
 
@@ -125,10 +138,15 @@ def wrap_text(
 
 
 def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
-    """Writes a looping GIF atomically; `frames` are (height, width, 3) of one size, and the last is shown longer."""
+    """Writes a GIF that plays once and stays on its last frame; `frames` are (height, width, 3) of one size.
+
+    Writes atomically. The film moves for at most MOVING_SECONDS, unless that leaves less than half a second to a frame.
+    """
     images = [Image.fromarray(frame).quantize(64, dither=Image.Dither.NONE) for frame in frames]
     first, *rest = images
-    seconds = [*[FIRST_FRAME_SECONDS, *[FRAME_SECONDS] * len(rest)][: len(rest)], LAST_FRAME_SECONDS]
+    least, most = FRAME_SECONDS
+    each = min(most, max(least, MOVING_SECONDS / (len(rest) - 1 + FIRST_FRAME_SHARE)))
+    seconds = [FIRST_FRAME_SHARE * each, *[each] * len(rest)]
     write_atomically(
         path,
         lambda temporary: first.save(
@@ -136,8 +154,7 @@ def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
             format="GIF",
             save_all=True,
             append_images=rest,
-            duration=[round(1000 * shown) for shown in seconds],
-            loop=0,
+            duration=[10 * round(100 * shown) for shown in seconds],
         ),
     )
 

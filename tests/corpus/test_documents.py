@@ -116,6 +116,18 @@ def test_croissant__describes_the_corpus_file():
     assert written == load_script("write_croissant").text(), "run scripts/write_croissant.py"
 
 
+def test_hub_dataset__has_every_task_as_flat_rows_and_a_card_that_names_its_files():
+    hub = load_script("write_hub_dataset")
+    rows = hub.rows_by_split()
+    assert {split: len(of_split) for split, of_split in rows.items()} == {"train": 12_205, "dev": 1_820, "test": 3_634}
+    first = rows["train"][0]
+    assert json.loads(first["scene"]) == [[], [], []]
+    assert (first["statement"], first["target"]) == ("There should be a yellow block somewhere.", True)
+    card = hub.card()
+    assert [split for split in rows if f"path: {split}.parquet" not in card] == []
+    assert "](corpus.md" not in card
+
+
 @pytest.mark.long
 def test_croissant__is_valid_and_can_be_read(tmp_path: Path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')

@@ -5,16 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from lilgym_mp.evaluation import Episode, Settings
 from lilgym_mp.evaluation.film import (
-    LAST_FRAME_SECONDS,
+    DARK_RGB,
+    PAPER_RGB,
     SUCCESS_RGB,
     TILE_HEIGHT,
     TILE_WIDTH,
     episode_frames,
     film_frames,
+    save_gif,
 )
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock
@@ -48,6 +51,27 @@ def test_film_frames__waits_for_the_longest_episode(tmp_path: Path):
     with Image.open(tmp_path / "grid.gif") as film:
         assert film.size == (2 * TILE_WIDTH, 2 * TILE_HEIGHT)
         assert getattr(film, "n_frames", 1) == 3
-        film.seek(2)
-        assert film.info["duration"] == round(1000 * LAST_FRAME_SECONDS)
     assert [path.name for path in tmp_path.iterdir()] == ["grid.gif"]
+
+
+@pytest.mark.parametrize(
+    ("count", "milliseconds"), [(3, [1500, 1000, 1000]), (7, [1110, *[740] * 6]), (30, [750, *[500] * 29])]
+)
+def test_save_gif__plays_once_and_moves_for_less_than_five_seconds_if_short(
+    tmp_path: Path, count: int, milliseconds: list[int]
+):
+    save_gif(tmp_path / "film.gif", [np.full((4, 4, 3), 8 * index, np.uint8) for index in range(count)])
+    shown: list[int] = []
+    with Image.open(tmp_path / "film.gif") as film:
+        assert "loop" not in film.info
+        for index in range(count):
+            film.seek(index)
+            shown.append(film.info["duration"])
+    assert shown == milliseconds
+
+
+@pytest.mark.parametrize(("dark", "paper"), [(False, PAPER_RGB), (True, DARK_RGB[PAPER_RGB])])
+def test_film_frames__have_paper_for_the_page(tmp_path: Path, dark: bool, paper: tuple[int, int, int]):
+    film_frames(tmp_path / "one.gif", [list(episode_frames(TOWER.make("dev"), SEEN))], columns=1, dark=dark)
+    with Image.open(tmp_path / "one.gif") as film:
+        assert film.convert("RGB").getpixel((0, 0)) == paper

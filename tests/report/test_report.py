@@ -299,6 +299,19 @@ def test_line_chart__of_a_single_evaluation_is_a_point_at_a_whole_number_of_step
     assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0]
 
 
+def test_line_chart__names_few_lines_at_their_ends_without_overlap_and_many_in_a_legend():
+    near = [Line(name, [0, 1], [0, 50 + index]) for index, name in enumerate("abcde")]
+    named = line_chart([("one", "steps", "%", near)], Looks())
+    named.draw_without_rendering()
+    labels = [text for text in named.axes[0].texts if text.get_text()]
+    assert [text.get_text() for text in labels] == ["a", "b", "c", "d", "e"]
+    assert not any(low.get_window_extent().overlaps(high.get_window_extent()) for low, high in pairwise(labels))
+    assert not named.legends
+    many = line_chart([("one", "steps", "%", [*near, Line("f", [0, 1], [0, 9])])], Looks())
+    assert len(many.legends) == 1
+    assert not many.axes[0].texts
+
+
 def certain(value: float) -> MeanStd:
     return MeanStd(value, None, 1, value, value)
 
@@ -324,7 +337,7 @@ def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide(
 def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
     panels = [BarPanel("", ["a", "b"], {"x": list(map(certain, values))}) for values in ((0.641, -1.2), (9.5, 12.3))]
     figure = bar_chart(panels, "", Looks())
-    assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "-1.20"], ["10", "12"]]
+    assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "−1.20"], ["10", "12"]]
 
 
 def test_text__rounds_halves_up_and_keeps_the_decimals_of_the_paper():

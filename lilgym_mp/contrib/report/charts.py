@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,11 @@ WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
+LABELLED_LINES = 5  # at most so many lines of a panel are named at their ends
+LABEL_CHARACTERS = 19
+# Pixels
+LABEL_LINE = 13
+AXES_HEIGHT = 185
 FRAMES_PER_ROW = 5
 # Pixels
 HEAD_HEIGHT = 52
@@ -101,14 +107,17 @@ def _empty_panels(
     count: int, columns: int, legend: Mapping[str, Any], *, shared: bool, width: int = WIDTH
 ) -> tuple[Figure, list[Any]]:
     """A figure with a legend of these artists, and the axes of its panels."""
-    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, legend)) + 40)))
+    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, legend), default=0) + 40)))
     legend_rows = -(-len(legend) // legend_columns)
     rows = -(-count // columns)
     figure = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
     grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=shared)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
-    figure.legend(legend.values(), legend, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
+    if legend:
+        figure.legend(
+            legend.values(), legend, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8
+        )
     return figure, list(grid.flat[:count])
 
 
@@ -136,7 +145,9 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
         )
         if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
-            axes.bar_label(bars, fmt=f"{{:.{places}f}}", fontsize=7, color=INK, padding=2)
+            axes.bar_label(
+                bars, fmt=lambda value: f"{value:.{places}f}".replace("-", "−"), fontsize=7, color=INK, padding=2
+            )
     count = len(panel.categories)
     axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
     axes.set_xlim(-0.5, count - 0.5)
@@ -175,7 +186,8 @@ def line_chart(
     """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers.
 
     Without it, the x axis counts steps: its ticks are whole numbers. A line of a single point is drawn as a marker.
-    Several lines of an agent differ in their dashes.
+    Several lines of an agent differ in their dashes. Where few share a panel, they are named
+    at their ends, otherwise in a legend.
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import EngFormatter, MaxNLocator
@@ -188,7 +200,8 @@ def line_chart(
         legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
     shared = len({panel[2] for panel in panels}) == 1
     width = WIDTH if columns > 1 else WIDTH // 2
-    figure, grid = _empty_panels(len(panels), columns, legend, shared=shared, width=width)
+    named = not diagonal and all(len(lines) <= LABELLED_LINES for *_, lines in panels)
+    figure, grid = _empty_panels(len(panels), columns, {} if named else legend, shared=shared, width=width)
     for axes, (title, x_label, y_label, lines) in zip(grid, panels, strict=True):
         style_axes(axes, title, y_label)
         axes.set_xlabel(x_label, fontsize=8, color=FAINT)
@@ -205,7 +218,26 @@ def line_chart(
         else:
             axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
             axes.xaxis.set_major_formatter(EngFormatter())
+    if named:
+        for axes, (*_, lines) in zip(grid, panels, strict=True):  # after all are drawn, as they may share their limits
+            _name_at_the_end(axes, lines, legend)
     return figure
+
+
+def _name_at_the_end(axes: Any, lines: Sequence[Line], drawn: Mapping[str, Any]) -> None:
+    """Names of lines right of the axes, each as high as its line ends, or just above the name below."""
+    low, high = axes.get_ylim()
+    text_line = LABEL_LINE * (high - low) / AXES_HEIGHT
+    end = low
+    for line in sorted(lines, key=lambda line: line.ys[-1]):
+        words = wrap(line.name, LABEL_CHARACTERS)
+        half = len(words) * text_line / 2
+        middle = max(line.ys[-1], end + half)
+        end = middle + half
+        place = {"xy": (1, middle), "xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+        sample = {"color": drawn[line.name].get_color(), "linestyle": drawn[line.name].get_linestyle()}
+        axes.annotate("", xytext=(18, 0), arrowprops={"arrowstyle": "-", "linewidth": 1.6, **sample}, **place)
+        axes.annotate("\n".join(words), xytext=(20, 0), va="center", fontsize=7, color=INK, **place)
 
 
 def film_strips(strips: Sequence[tuple[str, Sequence[tuple[UInt8Array, str]]]]) -> Figure:
