@@ -196,9 +196,9 @@ def test_program__has_code_generated_only_once_it_is_evaluated_often():
 @pytest.mark.parametrize(
     ("use", "limit"),
     [
-        ("scatter", 6_000),
-        pytest.param("ppo", 13_750, marks=pytest.mark.long),
-        pytest.param("train ppo", 14_000, marks=pytest.mark.long),
+        ("scatter", 6_150),
+        pytest.param("ppo", 14_300, marks=pytest.mark.long),
+        pytest.param("train ppo", 14_550, marks=pytest.mark.long),
     ],
 )
 def test_package__loads_few_lines_for_a_use(use: str, limit: int):
