@@ -73,7 +73,7 @@ def success(policy: Policy, name: str, args: argparse.Namespace) -> float:
 
 def seat(role: Role, partner: Partner, args: argparse.Namespace) -> float:
     """A proposer's success with an oracle, or a verifier's J: true claims accepted minus false ones."""
-    game = env(GAME, protocol=PROTOCOL, corpus=args.corpus, split="dev")
+    game: Any = env(GAME, protocol=PROTOCOL, corpus=args.corpus, split="dev")
     tasks = drawn(game.unwrapped.tasks, args.episodes, 0)
     if role is Role.PROPOSER:
         oracle = scripted_verifiers(game.unwrapped.dynamics)["oracle"]
@@ -140,7 +140,8 @@ def shipped(args: argparse.Namespace) -> Mapping[str, Figures]:
                 figures[name] = success(agent.policy(Settings(name, corpus=args.corpus)), name, args)
         for role in Role:
             try:
-                partner = agent.partner(role, env(GAME, corpus=args.corpus).unwrapped.engine.game.settings)
+                game: Any = env(GAME, corpus=args.corpus).unwrapped
+                partner = agent.partner(role, game.engine.game.settings)
             except AgentError:
                 continue
             if partner is not None:
@@ -228,7 +229,7 @@ def main() -> None:
     print(f"\n| player | {' | '.join(GROUPS)} |\n|---|{'---:|' * len(GROUPS)}")
     for name, figures in found.items():
         shown = {column: f"{100 * figures[column]:.0f}" if column in figures else "-" for column in COLUMNS}
-        print(f"| {name} | {' | '.join('/'.join(map(shown.get, group)) for group in GROUPS.values())} |")
+        print(f"| {name} | {' | '.join('/'.join(map(shown.__getitem__, group)) for group in GROUPS.values())} |")
 
 
 if __name__ == "__main__":

@@ -196,7 +196,7 @@ def test_program__has_code_generated_only_once_it_is_evaluated_often():
 @pytest.mark.parametrize(
     ("use", "limit"),
     [
-        ("scatter", 6_200),
+        ("scatter", 6_150),
         pytest.param("ppo", 13_750, marks=pytest.mark.long),
         pytest.param("train ppo", 14_500, marks=pytest.mark.long),
     ],

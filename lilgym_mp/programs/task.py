@@ -20,6 +20,7 @@ class Goal(Protocol):
 
     def reached_in(self, scene: Scene) -> bool:
         """Whether stopping in the scene succeeds."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

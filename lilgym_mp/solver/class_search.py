@@ -144,12 +144,15 @@ class BoxReachability(Protocol):
 
     def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[Any] | NoRefinement:
         """Actions that turn the box into one of a class within so many edits, or why there are none."""
+        ...
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
         """Why `refinement` would fail, or None where it succeeds."""
+        ...
 
     def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
         """Indices of actions that begin a refinement."""
+        ...
 
 
 class Reachability:

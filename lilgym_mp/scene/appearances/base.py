@@ -64,10 +64,12 @@ class Appearance(Protocol):
     @property
     def name(self) -> str:
         """The name in configurations."""
+        ...
 
     @property
     def action_count(self) -> int:
         """The number of actions; index 0 is STOP."""
+        ...
 
     @property
     def grid(self) -> Grid | None:
