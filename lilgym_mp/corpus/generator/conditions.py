@@ -41,23 +41,23 @@ class BoxConditions(Writer):
     # Each appearance has its own
     def some_attributes(self) -> Attributes:
         """Draws attributes for a noun."""
-        ...
+        raise NotImplementedError
 
     def attribute_name(self) -> str:
         """Draws one of the attributes that vary in the appearance: "color", "shape" or "size"."""
-        ...
+        raise NotImplementedError
 
     def attributes_without(self, attribute: str) -> Attributes:
         """Random attributes with no value for `attribute`."""
-        ...
+        raise NotImplementedError
 
     def predicate(self) -> Predicate:
         """Draws a predicate of items."""
-        ...
+        raise NotImplementedError
 
     def box_word(self) -> str:
         """Draws the annotator's word for a box."""
-        ...
+        raise NotImplementedError
 
     def condition(self) -> Condition:
         """Draws a condition of a box, by the probabilities in the phrase book."""

@@ -20,7 +20,7 @@ class ItemStatements(BoxConditions):
 
     def box_count(self) -> TrainingPair:
         """Draws a statement about the number of boxes that meet conditions."""
-        ...
+        raise NotImplementedError
 
     def existential(self, text: str, plural: bool) -> str:
         """An existential statement: "there are two circles", "two circles can be seen"."""
