@@ -49,7 +49,7 @@ def rows_by_split() -> dict[str, list[dict[str, Any]]]:
     found: dict[str, list[dict[str, Any]]] = {split: [] for split in SPLITS}
     for row in task_rows(load_all_tasks("builtin")):
         flat = {name: json.dumps(value) if name in JSON_COLUMNS else value for name, value in row.items()}
-        found[row["split"]].append(flat)
+        found[str(row["split"])].append(flat)
     return found
 
 
@@ -57,8 +57,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("out", type=Path, metavar="DIRECTORY")
     out = parser.parse_args().out
-    import pyarrow
-    import pyarrow.parquet
+    import pyarrow  # pyright: ignore[reportMissingImports]
+    import pyarrow.parquet  # pyright: ignore[reportMissingImports]
 
     out.mkdir(parents=True, exist_ok=True)
     for split, rows in rows_by_split().items():
