@@ -115,7 +115,7 @@ FIRST_COMMANDS = [
     pytest.param("explain --configuration LampsScratch --program is_high(all_items)", "is_high", marks=long),
     pytest.param("explain --configuration LampsScratch --program exist(filter_obj(all_items,is_high))", NO_SAMPLER),
     pytest.param("data generate 1 --appearances lamps --out new.jsonl", "invalid choice: 'lamps' (choose from tower, "),
-    pytest.param("llm prompts --task plan --appearance lamps --count 1 --out new.jsonl", NO_SAMPLER, marks=long),
+    pytest.param("llm prompts --kind plan --appearance lamps --episodes 1 --out new.jsonl", NO_SAMPLER, marks=long),
     pytest.param("data synthesize lamps.jsonl --out new.jsonl", NO_SAMPLER),
     pytest.param(f"data collect {LAMPS_TRAIN} --quality random-legal --episodes 2 --out set.jsonl", "set.jsonl"),
     pytest.param(f"data collect {LAMPS_TRAIN} --episodes 2 --out other.jsonl", NO_EXPERT, marks=long),
