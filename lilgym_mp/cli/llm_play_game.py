@@ -32,6 +32,7 @@ Seats = tuple[str, str]  # the names of the proposer and the verifier
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the two-agent game to those of `lilgym-mp llm play`."""
     group = parser.add_argument_group("two-agent game")
     group.add_argument("--protocol", choices=PROTOCOLS, help="play the proposer-verifier game instead")
     group.add_argument(
@@ -61,6 +62,7 @@ def is_asked(args: argparse.Namespace) -> bool:
 
 
 def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: Mapping[str, Any]) -> int:
+    """Plays games with a language model, and prints and writes a table of all pairs of players."""
     from lilgym_mp.cli.evaluate_game import LEGEND, row_of
     from lilgym_mp.cli.llm_play import drawn, print_calls
     from lilgym_mp.contrib.llm.summary import calls

@@ -27,6 +27,8 @@ def test_program_docs__are_up_to_date(generator: ModuleType) -> None:
 
 def test_program_docs__examples_are_programs(generator: ModuleType) -> None:
     examples = re.findall(r"^```\n((?:exist|count).*)\n```$", generator.document(), re.MULTILINE)
-    program = compile_program(*examples)
-    assert program.has_generated_code
-    assert program.evaluate(Scene.empty()) is False
+    assert len(examples) == 3
+    for source in examples:
+        program = compile_program(source)
+        assert program.has_generated_code
+        assert program.evaluate(Scene.empty()) is False

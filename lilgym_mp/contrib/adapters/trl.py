@@ -130,6 +130,7 @@ class PlanEnvironment:
 
 
 def main() -> None:
+    """Trains a model as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", required=True)
     parser.add_argument("--level", type=int, default=2)

@@ -10,6 +10,8 @@ from lilgym_mp.contrib.rlvr import Row, rows, score
 
 
 class LilgymConfig(vf.TasksetConfig):
+    """The arguments of `lilgym_mp.contrib.rlvr.rows`, and the number of tasks."""
+
     kind: str = "plan"
     appearance: str = "tower"
     level: int = 2
@@ -21,16 +23,22 @@ class LilgymConfig(vf.TasksetConfig):
 
 
 class LilgymData(vf.TaskData):
+    """A row as JSON values."""
+
     row: dict[str, Any]
 
 
 class LilgymTask(vf.Task[LilgymData, vf.State, vf.TaskConfig]):
+    """A row with its reward."""
+
     @vf.reward
     async def verified(self, trace: vf.Trace) -> float:
         return score(trace.last_reply, Row.from_json(self.data.row)).reward
 
 
 class LilgymTaskset(vf.Taskset[LilgymTask, LilgymConfig]):
+    """Tasks made by the generator."""
+
     def load(self) -> Iterator[LilgymTask]:
         names = ("kind", "appearance", "level", "seed", "split", "min_actions", "max_actions")
         endless = rows(**{name: getattr(self.config, name) for name in names})
