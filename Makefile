@@ -70,7 +70,7 @@ types: $(INSTALLED_FORM)
 readme: $(INSTALLED_FORM)
 	@sed -n '/^```python$$/,/^```$$/{/^```/d;p}' README.md > $(INSTALLED_FORM)/readme.py
 	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/pyright' --pythonpath '$(CURDIR)/$(BIN)/python' readme.py
-	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/mypy' --follow-imports=silent readme.py
+	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/mypy' --cache-dir=/dev/null --follow-imports=silent readme.py
 
 imports: $(INSTALLED_FORM)
 	cd $(INSTALLED_FORM) && '$(CURDIR)/$(BIN)/lint-imports' --config '$(CURDIR)/pyproject.toml' --no-cache
