@@ -130,6 +130,7 @@ def _array_specs(settings: BatchSettings, pages: int) -> dict[str, ArraySpec]:
 def _worker_main(own: Slice, reader: Connection, writer: Connection) -> None:
     """Main loop of a worker: makes calls until the caller closes the pipe or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller handles Ctrl-C
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # instead of a handler of the caller's, inherited by a fork
     channel = Channel(reader, writer, own.spin_seconds)
     try:
         engine = own.engine()

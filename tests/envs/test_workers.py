@@ -28,11 +28,13 @@ from tests.envs.alike import random_actions
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 STARTED = ("forkserver", "spawn")  # start methods of new interpreters
 LOOP = """
+import signal
 import sys
 import numpy as np
 from lilgym_mp.envs.workers import WorkerVectorEnv
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     env = WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 6, 3, start_method=sys.argv[1])
     env.reset(seed=0)
     print(*env.worker_pids, flush=True)
@@ -182,6 +184,7 @@ def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) 
     ("how", "start_method"),
     [
         ("Ctrl-C", "fork"),
+        ("SIGTERM", "fork"),
         ("killed", "spawn"),
         ("exception", "forkserver"),
         *(
@@ -204,6 +207,8 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
             assert len(pids) == 2
             if how == "Ctrl-C":
                 os.killpg(caller.pid, signal.SIGINT)
+            elif how == "SIGTERM":
+                os.killpg(caller.pid, signal.SIGTERM)
             elif how == "killed":
                 caller.kill()
             _, complaint = caller.communicate(timeout=60)
@@ -214,7 +219,7 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
     assert set(os.listdir("/dev/shm")) <= before
     assert "lilgym_mp worker" not in complaint  # no traceback of a worker
     if how != "killed":
-        assert complaint.strip().splitlines()[-1].startswith({"Ctrl-C": "KeyboardInterrupt"}.get(how, "OSError"))
+        assert complaint.strip().splitlines()[-1].startswith("OSError" if how == "exception" else "KeyboardInterrupt")
 
 
 def test_workers__work_in_an_interactive_session() -> None:
