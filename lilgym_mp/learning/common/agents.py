@@ -12,7 +12,8 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Policy
 from lilgym_mp.learning.common.learners import LEARNERS, shipped_agents
 from lilgym_mp.learning.common.model_file import (
     ModelDescription,
@@ -84,13 +85,13 @@ class Agent(ABC):
         return None
 
     @abstractmethod
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """A policy for the configuration that samples actions if `sampled`, else takes the most probable ones.
 
         Raises ValueError for a configuration, grid or rule set that the agent cannot play.
         """
 
-    def planner(self, settings: Settings) -> Planner:
+    def planner(self, settings: EnvConfig) -> Planner:
         """Raises AgentError for an agent that makes no plans."""
         raise AgentError(f"an agent of kind {self.description.kind} makes no plans")
 
@@ -151,7 +152,7 @@ def load_agent(name: str, device: str = "auto") -> Agent:
         return open_agent(path, device)
 
 
-def check_configuration(description: ModelDescription, settings: Settings) -> None:
+def check_configuration(description: ModelDescription, settings: EnvConfig) -> None:
     """Raises AgentError when the agent does not play the configuration."""
     if settings.configuration not in description.configurations:
         raise AgentError(

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import Model
@@ -87,7 +87,7 @@ class PPORun(TrainingRun):
 
     def __init__(
         self,
-        settings: Settings,
+        settings: EnvConfig,
         recipe: PPORecipe,
         out: Path,
         *,
