@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
@@ -172,9 +172,10 @@ def play_episodes(
         reasons = inner.infos.get("invalid_reason", [None] * base.num_envs)
         for env_id in np.flatnonzero(inner.ended).tolist():
             if (index := int(playing[env_id])) != IDLE:
-                task = tasks[index] if isinstance(tasks[index], Task) else base.tasks.by_id(tasks[index])
+                task = tasks[index]
+                played = task if isinstance(task, Task) else base.tasks.by_id(task)
                 ending = inner.infos["outcome"][env_id], base.dynamics
-                yield index, Episode.of(task, taken[env_id], *ending, invalid_reason=reasons[env_id])
+                yield index, Episode.of(played, taken[env_id], *ending, invalid_reason=reasons[env_id])
                 playing[env_id] = next_index if next_index < len(tasks) else IDLE
                 next_index += 1
             taken[env_id] = []
@@ -185,7 +186,7 @@ class Step(NamedTuple):
     """What a single environment returns for an action."""
 
     observation: Any
-    reward: float
+    reward: SupportsFloat
     terminated: bool
     truncated: bool
     info: dict[str, Any]

@@ -12,9 +12,10 @@ from lilgym_mp.contrib.llm.agents import LanguageAgent, Message, ModelError
 from lilgym_mp.contrib.llm.asking import Asking, call
 from lilgym_mp.contrib.llm.summary import Failure, Transcript, Turn, progression
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.runs import play_steps
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.actions import describe, named
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import THOUGHTS
@@ -93,19 +94,17 @@ class Player:
             return asking.choose(messages, turns, self._named)
 
         steps = list(play_steps(self.env, begun, choose))
-        reward = sum(float(step.reward) for step in steps)
-        outcome = str(steps[-1].info.get("outcome", "")) if steps else ""
-        if turns[-1].problem is not None:
-            outcome = turns[-1].problem
-            reward += self.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
+        actions = [turn.action for turn in turns if turn.action is not None]
+        outcome = turns[-1].problem or str(steps[-1].info["outcome"])
+        episode = Episode.of(task, list(map(named, actions)), outcome, self.dynamics)
         return Transcript(
             task=task.id,
             statement=task.statement,
             target=task.target,
             outcome=outcome,
-            reward=round(reward, 6),
-            progression=progression(self._solver, start, self._state(), success=outcome == Outcome.SUCCESS),
-            actions=[turn.action for turn in turns if turn.action is not None],
+            reward=episode.reward,
+            progression=progression(self._solver, start, self._state(), success=episode.is_success),
+            actions=actions,
             turns=turns,
             messages=messages,
         )

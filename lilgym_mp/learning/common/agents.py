@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import nullcontext
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -21,6 +21,7 @@ from lilgym_mp.learning.common.model_file import (
     load_model,
     load_weights,
     no_larger_than,
+    read_description,
     select_device,
     using_description,
 )
@@ -120,11 +121,10 @@ def agent_file(path: Path) -> Path:
     """The model file at `path`, which may be a run directory, or that of a shipped agent. Raises AgentError."""
     if not path.exists():
         if str(path) in shipped_agents():
-            return Path(str(files("lilgym_mp.data") / f"agent-{path}.safetensors"))
-        shipped = ", ".join(shipped_agents())
+            return _shipped_file(str(path))
         raise AgentError(
             f"no trained agent at {path}: there is no such file or directory; the agents that come with the package"
-            f" are {shipped}"
+            f" are {', '.join(shipped_agents())}"
         )
     if not path.is_dir():
         return path
@@ -139,7 +139,7 @@ def open_agent(path: Path | str, device: str = "auto") -> Agent:
     Raises ValueError naming the file and what is wrong.
     """
     path = agent_file(Path(path))
-    kind = load_model(path)[0].kind
+    kind = read_description(path).kind
     if kind not in LEARNERS:
         raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LEARNERS))}")
     return LEARNERS[kind]().load_agent(path, device)
@@ -147,9 +147,12 @@ def open_agent(path: Path | str, device: str = "auto") -> Agent:
 
 def load_agent(name: str, device: str = "auto") -> Agent:
     """An agent shipped with the package. Raises ValueError naming the choices."""
-    choose("agent", name, {agent: agent for agent in shipped_agents()})
-    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
-        return open_agent(path, device)
+    choose("agent", name, dict.fromkeys(shipped_agents()))
+    return open_agent(_shipped_file(name), device)
+
+
+def _shipped_file(name: str) -> Path:
+    return Path(str(files("lilgym_mp.data") / f"agent-{name}.safetensors"))
 
 
 def check_configuration(description: ModelDescription, settings: EnvConfig) -> None:
