@@ -39,7 +39,7 @@ class Decision:
     legal_probability: float  # total probability of legal actions
     value: float | None = None  # the critic's value estimate
     success_probability: float | None = None  # the planner's estimate for its plan
-    programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the most probable programs planned for
+    programs: Mapping[str, float] = field(default_factory=dict)  # the most probable programs planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
     notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words

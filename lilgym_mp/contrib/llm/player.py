@@ -51,7 +51,7 @@ class Player:
     history: int = 12
     thoughts: Sequence[str] = THOUGHTS
     system: bool = True
-    conversation: list[Message] = field(init=False, default_factory=list[Message])  # of the last episode
+    conversation: list[Message] = field(init=False, default_factory=list)  # of the last episode
     env: TextObservation = field(init=False)
     dynamics: Dynamics = field(init=False)
 

@@ -42,8 +42,8 @@ class ModelDescription:
     version: int  # version of the kind's own format
     configurations: tuple[str, ...]  # configurations that it plays
     supervision: str  # what it learnt from, for result tables
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # hyperparameters
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # specific to the kind, such as a vocabulary
+    recipe: Mapping[str, Any] = field(default_factory=dict)  # hyperparameters
+    details: Mapping[str, Any] = field(default_factory=dict)  # specific to the kind, such as a vocabulary
 
     def to_json(self) -> dict[str, Any]:
         """The description stored in the model file, with its format."""

@@ -49,7 +49,7 @@ class Rollout(NamedTuple):
 class EpisodeStatistics:
     """Statistics of the episodes that ended since the last update."""
 
-    ends: Counter[str] = field(default_factory=Counter[str])
+    ends: Counter[str] = field(default_factory=Counter)
     reward: float = 0.0
     steps: int = 0  # actions in these episodes
     forced: int = 0  # forced STOPs
