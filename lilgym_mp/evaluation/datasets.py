@@ -201,7 +201,7 @@ def _rollout(
     if (outcome, len(played)) != (episode.outcome, len(actions)):
         raise DatasetError(
             f"the episode of {source.agent} on {episode.task} ended as {episode.outcome}, but as {outcome} when played"
-            " again"
+            f" again, after {len(played)} of {len(actions)} actions"
         )
     observations.append(played[-1].observation)
     _, rewards, terminated, truncated, _ = zip(*played, strict=True)
