@@ -57,9 +57,8 @@ class LabelledStatement:
 
     def random_task(self, rng: Rng) -> int:
         """The index of a task: of those from the empty scene as often as of the others, if there are both."""
-        empty = [index for index, task in enumerate(self.tasks) if not any(task.start.items())]
-        full = [index for index, task in enumerate(self.tasks) if any(task.start.items())]
-        side = (empty if rng.random() < 0.5 else full) or empty or full
+        by_start = grouped((any(task.start.items()), index) for index, task in enumerate(self.tasks))
+        side = by_start.get(rng.random() >= 0.5) or next(iter(by_start.values()))
         return side[rng.integers(len(side))]
 
 

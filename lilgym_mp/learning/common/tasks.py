@@ -58,11 +58,6 @@ class TrainingTasks:
         """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
-    @property
-    def plays_empty_starts(self) -> bool:
-        """Whether any task is also played from the empty scene."""
-        return bool(self.from_empty.any())
-
 
 def training_tasks(settings: EnvConfig, recipe: UpdateRecipe, *, matching: bool = False) -> TrainingTasks:
     """`matching`: only tasks with a scene labelled in the corpus, which alone solve them.

@@ -40,19 +40,15 @@ class BoxFeatureTable(FeatureTable):
         return np.array([self.of(scene) for scene in scenes], np.int64).reshape(-1, 3)
 
     def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, NDArray[Any]]:
+        legal = np.array([legal_edits(box.items, (CELL, CELL), searches=True) for box in boxes])
         return {
             "counts": (items[:, :, 2] >= 0).sum(1),
             "features": item_features(items),
             "colours": items[:, :, 3].clip(0),
             "relations": item_relations(items),
             "offsets": cell_offsets(items),
-            "legal": np.stack([_legal(box) for box in boxes]),
+            "legal": (legal[..., None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_),
         }
-
-
-def _legal(box: Box) -> BoolArray:
-    legal = legal_edits(box.items, (CELL, CELL), searches=True)
-    return (legal[:, None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_)
 
 
 def item_features(items: Int64Array) -> UInt8Array:

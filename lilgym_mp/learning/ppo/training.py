@@ -135,7 +135,7 @@ class PPORun(TrainingRun):
     def configurations(self) -> tuple[str, ...]:
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         scratch = configuration_name(self._settings.appearance, SCRATCH)
-        return (self._settings.configuration, *([scratch] if self.tasks.plays_empty_starts else []))
+        return (self._settings.configuration, *([scratch] if self.tasks.from_empty.any() else []))
 
     def introduction(self) -> str:
         recipe = self.recipe
