@@ -59,9 +59,9 @@ def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) ->
 
 def split_held_out(entries: Sequence[DatasetEntry], fraction: float) -> tuple[list[DatasetEntry], list[DatasetEntry]]:
     """Training and held-out entries, split by statement so that no statement is in both."""
-    held_out = choose_held_out(sorted({tuple(words(entry.statement)) for entry in entries}), fraction)
-    training = [entry for entry in entries if tuple(words(entry.statement)) not in held_out]
-    return training, [entry for entry in entries if tuple(words(entry.statement)) in held_out]
+    held_out = choose_held_out(sorted({words(entry.statement) for entry in entries}), fraction)
+    parts = grouped((words(entry.statement) in held_out, entry) for entry in entries)
+    return parts.get(False, []), parts.get(True, [])
 
 
 class DataCollector:
