@@ -57,7 +57,7 @@ class Player:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the invalid setting."""
-        Asking(self.agent, self.retries, self.history)
+        self._asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
         env = self.settings.make(self.split)
         self.env = TextObservation(
             env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
@@ -87,11 +87,10 @@ class Player:
         if (begin := getattr(self.agent, "begin", None)) is not None:
             call(begin, self.env, seed)
         turns: list[Turn] = []
-        asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
 
         def choose(text: str, info: dict[str, Any]) -> int | None:
             messages.append({"role": "user", "content": content_of(text, info.get(IMAGES, []))})
-            return asking.choose(messages, turns, self._named)
+            return self._asking.choose(messages, turns, self._named)
 
         steps = list(play_steps(self.env, begun, choose))
         actions = [turn.action for turn in turns if turn.action is not None]
