@@ -43,7 +43,7 @@ from lilgym_mp.evaluation.files import first_free_path, fresh_file, write_json, 
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
-    from lilgym_mp.contrib.llm import Episode, Failure, Player
+    from lilgym_mp.contrib.llm import Failure, Player, Transcript
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 TEXT_OPTIONS = ("model", "directory", "url", "device")  # never read as JSON: a model may be called 1e3
@@ -107,7 +107,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Plays episodes with a language model, writes transcripts and prints a summary."""
-    from lilgym_mp.contrib.llm import Player, make_agent, summarise
+    from lilgym_mp.contrib.llm import Player, make_agent, summarise_transcripts
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     for name in (TRANSCRIPTS, SUMMARY):
         fresh_file(args.out / name, force=args.force or args.resume)
     episodes, failures = _play(player, args, chosen, done, settings, agent_options)
-    summary = summarise(episodes, len(failures), args.prices and tuple(args.prices))
+    summary = summarise_transcripts(episodes, len(failures), args.prices and tuple(args.prices))
     _print_summary(summary)
     write_json(args.out / SUMMARY, {"settings": settings, **summary})
     print(f"results      {args.out}")
@@ -212,10 +212,10 @@ def _play(
     player: Player,
     args: argparse.Namespace,
     task_ids: Sequence[str],
-    done: list[Episode],
+    done: list[Transcript],
     settings: Any,
     agent_options: Mapping[str, Any],
-) -> tuple[list[Episode], list[Failure]]:
+) -> tuple[list[Transcript], list[Failure]]:
     """Plays the episodes that are not done; prints each and adds it to the transcripts as it ends.
 
     Returns all episodes, in the order of tasks, and those that failed. Raises CommandError if nothing but failures
@@ -259,11 +259,11 @@ def _play(
     return [kept[task] for task in task_ids if task in kept], failures
 
 
-def _write_transcripts(path: Path, results: Sequence[Episode | Failure]) -> None:
+def _write_transcripts(path: Path, results: Sequence[Transcript | Failure]) -> None:
     write_text(path, "".join(json.dumps(asdict(each), ensure_ascii=False) + "\n" for each in results))
 
 
-def _episodes_to_resume(out: Path, settings: Mapping[str, Any]) -> list[Episode]:
+def _episodes_to_resume(out: Path, settings: Mapping[str, Any]) -> list[Transcript]:
     """Raises CommandError naming what is missing or differs."""
     before, episodes = _stored(out)
     check_settings(out, before, settings)
@@ -277,15 +277,15 @@ def check_settings(out: Path, before: Mapping[str, Any], settings: Mapping[str, 
             raise CommandError(f"{out} was played with {name} {before.get(name)!r}, not {value!r}")
 
 
-def _stored(out: Path) -> tuple[dict[str, Any], list[Episode]]:
+def _stored(out: Path) -> tuple[dict[str, Any], list[Transcript]]:
     """The settings and the episodes in a directory, without those that failed. Raises CommandError."""
-    from lilgym_mp.contrib.llm import Episode
+    from lilgym_mp.contrib.llm import Transcript
 
     try:
         before = json.loads((out / SUMMARY).read_text(encoding="utf-8"))["settings"]
         *lines, _ = (out / TRANSCRIPTS).read_text(encoding="utf-8").split("\n")  # the last may be cut
         records = [json.loads(line) for line in lines if line]
-        episodes = [Episode.from_json(record) for record in records if "error" not in record]
+        episodes = [Transcript.from_json(record) for record in records if "error" not in record]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CommandError(f"{out}: no run to resume ({type(error).__name__}: {error})") from None
     return before, episodes

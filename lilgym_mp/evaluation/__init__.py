@@ -1,4 +1,7 @@
-"""Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch."""
+"""Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch.
+
+`Settings` is the name here of `lilgym_mp.envs.config.EnvConfig`, for which the package itself has no other.
+"""
 
 from typing import TYPE_CHECKING, Any
 

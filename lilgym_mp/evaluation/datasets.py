@@ -33,6 +33,7 @@ from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX, write_atomically
+from lilgym_mp.evaluation.runs import play_steps
 from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
@@ -185,18 +186,25 @@ def _rollout(
     source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
 ) -> Rollout:
     base: Any = env.unwrapped
-    observations, legal, states, results = [env.reset(options={"task": episode.task})[0]], [], [], []
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
-    for action in actions:
+    left = iter(actions)
+    observations, legal, states = [], [], []
+
+    def choose(observation: Any, info: dict[str, Any]) -> int | None:
+        observations.append(observation)
         legal.append(action_masks(env))
         states.append(base.state)
-        observation, *result = env.step(action)
-        observations.append(observation)
-        results.append(result)
-    if (outcome := results[-1][-1].get("outcome")) != episode.outcome:
-        played = f"the episode of {source.agent} on {episode.task}"
-        raise DatasetError(f"{played} ended as {episode.outcome}, but as {outcome} when played again")
-    rewards, terminated, truncated, _ = zip(*results, strict=True)
+        return next(left, None)
+
+    played = list(play_steps(env, env.reset(options={"task": episode.task}), choose))
+    outcome = played[-1].info.get("outcome")
+    if (outcome, len(played)) != (episode.outcome, len(actions)):
+        raise DatasetError(
+            f"the episode of {source.agent} on {episode.task} ended as {episode.outcome}, but as {outcome} when played"
+            f" again, after {len(played)} of {len(actions)} actions"
+        )
+    observations.append(played[-1].observation)
+    _, rewards, terminated, truncated, _ = zip(*played, strict=True)
     steps: dict[str, Any] = {
         "action": np.array(actions, np.int64),
         "reward": np.array(rewards, np.float64),

@@ -39,7 +39,7 @@ class Decision:
     legal_probability: float  # total probability of legal actions
     value: float | None = None  # the critic's value estimate
     success_probability: float | None = None  # the planner's estimate for its plan
-    programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the most probable programs planned for
+    programs: Mapping[str, float] = field(default_factory=dict)  # the most probable programs planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
     notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
@@ -101,7 +101,7 @@ def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) ->
 def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appearance) -> Decision:
     probabilities = np.asarray(output.probabilities[row], np.float64)
     action_types, cells, count = action_cells(appearance)
-    types = np.bincount(action_types, probabilities, len(ActionType))
+    stop, add, remove = map(_rounded, np.bincount(action_types, probabilities, len(ActionType)).tolist())
     adds, removes = (
         np.bincount(cells, np.where(action_types == action_type, probabilities, 0.0), count)
         for action_type in (ActionType.ADD, ActionType.REMOVE)
@@ -109,7 +109,7 @@ def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appe
     programs = {} if output.programs is None else output.programs[row]
     best = sorted(programs, key=lambda program: (-programs[program], program))[:MAX_LIKELIEST]
     return Decision(
-        types=(_rounded(float(types[0])), _rounded(float(types[1])), _rounded(float(types[2]))),
+        types=(stop, add, remove),
         add_cells=_kept(adds),
         remove_cells=_kept(removes),
         likeliest=_likeliest(probabilities, appearance),

@@ -51,8 +51,8 @@ class Header:
     tasks_sha256: str  # SHA-256 of the task file
     expert: bool  # whether the episodes contain the lengths of the expert's solutions
     run: str | None = None  # the agent's run directory
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    training: Mapping[str, float] = field(default_factory=dict[str, float])  # cost of training: steps, cpu_minutes
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, float] = field(default_factory=dict)  # cost of training: steps, cpu_minutes
 
     def to_json(self) -> dict[str, Any]:
         """The first line of a file of episodes."""

@@ -64,12 +64,14 @@ class Episode:
         Args:
             task: The task.
             actions: The actions, in order.
-            outcome: That of the last action.
+            outcome: That of the last action, or of a language model's last answer if that names no action.
             dynamics: The rules, which give the rewards.
             others: Further fields.
         """
         signals = dynamics.rules.signals
-        before = (signals[Outcome.CONTINUES].reward,) * (len(actions) - 1)
+        has_ended = outcome in FINAL_OUTCOMES
+        last = Outcome(outcome) if has_ended else Outcome.INVALID_ACTION
+        before = (signals[Outcome.CONTINUES].reward,) * (len(actions) - has_ended)
         return cls(
             task=task.id,
             statement=task.statement,
@@ -77,7 +79,7 @@ class Episode:
             target=task.target,
             outcome=str(outcome),
             actions=tuple(actions),
-            rewards=(*before, signals[Outcome(outcome)].reward),
+            rewards=(*before, signals[last].reward),
             start=task.start,
             **others,
         )

@@ -10,8 +10,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.episodes import Episode, outcome_words
+from lilgym_mp.evaluation.episodes import Episode, outcome_words, scenes
 from lilgym_mp.evaluation.files import write_atomically
+from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import UInt8Array
@@ -63,25 +64,17 @@ class FilmFrame(NamedTuple):
 
 
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
-    """A frame for the start and one for each action of an episode, by replaying it."""
-    env.reset(options={"task": episode.task})
-    appearance = env.dynamics.appearance
-    target = episode.target
+    """A frame for the start and one for each action of an episode in the environment."""
+    program = compile_program(episode.program)
     task = f'"{episode.statement}"'
-
-    def frame(caption: str, rgb: RGB) -> FilmFrame:
-        truth = target if env.goal_reached() else not target
-        return FilmFrame(smooth_picture(env.scene, 1), task, caption, rgb, truth, target)
-
-    yield frame("", PENDING_RGB)
-    for step, action in enumerate(episode.actions, start=1):
-        _, _, terminated, truncated, info = env.step(appearance.encode(action))
-        caption = f"{step}. {describe(action)}"
+    last = len(episode.actions)
+    for step, scene in enumerate(scenes(env.dynamics, episode.start, episode.actions)):
+        caption = f"{step}. {describe(episode.actions[step - 1])}" if step else ""
         rgb = PENDING_RGB
-        if terminated or truncated:
-            rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
-            caption += f": {outcome_words(info['outcome'])}, return {episode.reward:+.1f}".replace("-", "−")
-        yield frame(caption, rgb)
+        if step == last:
+            rgb = SUCCESS_RGB if episode.is_success else FAILURE_RGB
+            caption += f": {outcome_words(episode.outcome)}, return {episode.reward:+.1f}".replace("-", "−")
+        yield FilmFrame(smooth_picture(scene, 1), task, caption, rgb, program(scene), episode.target)
 
 
 def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int, *, dark: bool = False) -> None:

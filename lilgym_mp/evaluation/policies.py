@@ -161,7 +161,7 @@ class NamedPolicy:
     supervision: str = NO_SUPERVISION  # training data, for result tables
     configurations: tuple[str, ...] = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # further details needed to reproduce it
+    details: Mapping[str, Any] = field(default_factory=dict)  # further details needed to reproduce it
 
 
 _SAMPLED = {"actions": "sampled"}

@@ -9,10 +9,10 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
-from lilgym_mp.corpus.tasks import TaskSet, contexts
+from lilgym_mp.corpus.tasks import contexts
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import Header, write_episodes
 from lilgym_mp.evaluation.episodes import Episode, scenes
@@ -49,9 +49,8 @@ class Recorder:
         judges_decisions: bool = False,
     ) -> None:
         """`with_expert`: solve each task; `judges_decisions`: judge the action of each recorded decision."""
-        env = settings.make(split)
-        self._tasks: TaskSet = env.tasks
-        self._dynamics: Dynamics = env.dynamics
+        self._tasks = settings.tasks(split)
+        self._dynamics = settings.dynamics()
         self._set_seen(training_statements)
         self._with_expert = with_expert
         self._judges_decisions = judges_decisions

@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from torch import Tensor
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.evaluation import Settings
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.results import training_statements
 from lilgym_mp.learning.common.agents import AgentError
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
@@ -58,9 +58,9 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     def __init__(
         self, *args: Any, settings: Mapping[str, Any], words: Sequence[str], use_sde: bool = False, **kwargs: Any
     ) -> None:
-        """`settings`: `evaluation.Settings.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
+        """`settings`: `EnvConfig.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
-        self.settings, self.vocabulary = Settings.from_json(settings), Vocabulary(tuple(words))
+        self.settings, self.vocabulary = EnvConfig.from_json(settings), Vocabulary(tuple(words))
         self._table, self._texts = BoxImageTable(), dict[bytes, str]()
         self._versions: list[tuple[int, int]] = []  # of the parameters that made the cached encodings
         super().__init__(*args, **{"optimizer_kwargs": {"eps": 1e-5, "fused": True}, **kwargs})
@@ -214,8 +214,8 @@ class Recipe(NamedTuple):
 
 
 def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> Recipe:
-    """The recipe for a configuration; `environment`: other fields of `Settings`. Raises ValueError, CorpusError."""
-    settings = Settings(configuration, corpus, **environment)
+    """The recipe for a configuration; `environment`: other fields of `EnvConfig`. Raises ValueError, CorpusError."""
+    settings = EnvConfig(configuration, corpus, **environment)
     ours = PPORecipe.of(configuration)
     words = Vocabulary.from_statements(training_statements(settings)).words
     env = {

@@ -18,7 +18,7 @@ from lilgym_mp.cli import main
 from lilgym_mp.corpus import Vocabulary, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import Episode, datasets
-from lilgym_mp.scene.actions import STOP
+from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 
 Captured = pytest.CaptureFixture[str]
@@ -197,12 +197,14 @@ def test_sources__that_cannot_be_read_are_named(content: bytes | None, message: 
     assert not (tmp_path / "own.npz").exists()
 
 
-def test_rollouts__that_end_differently_are_refused():
+@pytest.mark.parametrize(("actions", "outcome"), [([STOP], "horizon"), ([STOP, STOP], "wrong_stop")])
+def test_rollouts__that_end_differently_are_refused(actions: list[Action], outcome: str):
     settings = datasets.EnvConfig("TowerScratch")
     task = load_tasks("builtin", "tower", "scratch", "dev")[0]
-    episode = datasets.Episode.of(task, [STOP], "horizon", settings.dynamics())
+    episode = datasets.Episode.of(task, actions, outcome, settings.dynamics())
     sources = [datasets.Source(settings, "dev", "agent", [episode])]
-    with pytest.raises(datasets.DatasetError, match="ended as horizon, but as wrong_stop when played again"):
+    ended = f"ended as {outcome}, but as wrong_stop when played again, after 1 of {len(actions)} actions"
+    with pytest.raises(datasets.DatasetError, match=ended):
         list(datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image")))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import (
     Observations,
@@ -34,6 +35,10 @@ def always(action: int) -> Policy:
         return np.full(len(legal), action)
 
     return choose
+
+
+def test_settings__is_another_name_of_env_config():
+    assert Settings is EnvConfig
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,14 @@ from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.cli.llm_play import drawn
-from lilgym_mp.contrib.llm import Player, make_agent, progression, success_interval, summarise, wilson_interval
+from lilgym_mp.contrib.llm import (
+    Player,
+    make_agent,
+    progression,
+    success_interval,
+    summarise_transcripts,
+    wilson_interval,
+)
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
@@ -128,7 +135,7 @@ def test_success_interval__resamples_statements_with_all_of_their_starts():
 def test_summary__counts_answers_tokens_and_outcomes():
     player = Player(TOWER, Scripted("hm", "hm", "ADD(LEFT, BLUE)"), retries=1)
     episodes = [player.play(task) for task in player.task_ids()[:3]]
-    summary = summarise(episodes)
+    summary = summarise_transcripts(episodes)
     assert summary["answers"] == sum(len(episode.turns) for episode in episodes)
     assert summary["misunderstood"] == 2
     assert summary["prompt_tokens"] == 10 * summary["answers"]

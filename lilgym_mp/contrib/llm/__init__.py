@@ -5,21 +5,28 @@ docs/language_models.md explains how to plug in a model.
 
 from lilgym_mp.contrib.llm.agents import Answer, LanguageAgent, ModelError, make_agent
 from lilgym_mp.contrib.llm.player import Player, play_all
-from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, success_interval, summarise, wilson_interval
+from lilgym_mp.contrib.llm.summary import (
+    Failure,
+    Transcript,
+    progression,
+    success_interval,
+    summarise_transcripts,
+    wilson_interval,
+)
 from lilgym_mp.submodules import submodule_getter
 
 __all__ = [
     "Answer",
-    "Episode",
     "Failure",
     "LanguageAgent",
     "ModelError",
     "Player",
+    "Transcript",
     "make_agent",
     "play_all",
     "progression",
     "success_interval",
-    "summarise",
+    "summarise_transcripts",
     "wilson_interval",
 ]
 

@@ -114,19 +114,18 @@ def read_completion(body: bytes) -> Answer:
     """The answer in the body of a chat completion. Raises ServerError, with the server's words, for another body."""
     text = body.decode(errors="replace")
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
-        data = None
-    completion = cast("dict[str, Any]", data if isinstance(data, dict) else {})
-    _refuse_error(completion)
-    choices = completion.get("choices")
-    choice = choices[0] if isinstance(choices, list) and choices else None
-    message = choice.get("message") if isinstance(choice, dict) else None
-    if not isinstance(choice, dict) or not isinstance(message, dict):
-        raise ServerError(f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}")
-    _refuse_error(cast("dict[str, Any]", choice))
-    said = cast("dict[str, Any]", message)
-    reason = cast("dict[str, Any]", choice).get("finish_reason")
+        completion = dict[str, Any](json.loads(text))
+        _refuse_error(completion)
+        choice = dict[str, Any](completion["choices"][0])
+        said = dict[str, Any](choice["message"])
+    except ServerError:
+        raise
+    except (ValueError, RecursionError, TypeError, LookupError):
+        raise ServerError(
+            f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}"
+        ) from None
+    _refuse_error(choice)
+    reason = choice.get("finish_reason")
     problem = unusual_end(reason)
     if problem == FAILED:
         raise ServerError(f"the answer ended with finish_reason {reason!r:.80}")

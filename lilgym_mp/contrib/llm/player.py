@@ -6,13 +6,16 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.pool import ThreadPool
+from typing import Any
 
 from lilgym_mp.contrib.llm.agents import LanguageAgent, Message, ModelError
 from lilgym_mp.contrib.llm.asking import Asking, call
-from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.evaluation import Settings
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.contrib.llm.summary import Failure, Transcript, Turn, progression
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.evaluation.episodes import Episode
+from lilgym_mp.evaluation.runs import play_steps
+from lilgym_mp.scene.actions import describe, named
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import THOUGHTS
@@ -24,7 +27,7 @@ class Player:
     """Plays the tasks of one configuration with a text agent.
 
     Args:
-        settings: The environment, such as `Settings("TowerFlipIt")`.
+        settings: The environment, such as `EnvConfig("TowerFlipIt")`.
         agent: The agent that replies.
         split: The split whose tasks are played.
         scene: "list", "image" or "both", as for TextObservation; pictures are content parts of OpenAI's chat API.
@@ -39,7 +42,7 @@ class Player:
         ValueError: For an invalid setting, which the message names.
     """
 
-    settings: Settings
+    settings: EnvConfig
     agent: LanguageAgent
     split: str = "dev"
     scene: str = "list"
@@ -48,13 +51,13 @@ class Player:
     history: int = 12
     thoughts: Sequence[str] = THOUGHTS
     system: bool = True
-    conversation: list[Message] = field(init=False, default_factory=list[Message])  # of the last episode
+    conversation: list[Message] = field(init=False, default_factory=list)  # of the last episode
     env: TextObservation = field(init=False)
     dynamics: Dynamics = field(init=False)
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the invalid setting."""
-        Asking(self.agent, self.retries, self.history)
+        self._asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
         env = self.settings.make(self.split)
         self.env = TextObservation(
             env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
@@ -66,7 +69,7 @@ class Player:
         """All task ids of the split, in file order."""
         return self.env.get_wrapper_attr("evaluation_tasks")()
 
-    def play(self, task_id: str, seed: int = 0) -> Episode:
+    def play(self, task_id: str, seed: int = 0) -> Transcript:
         """One episode.
 
         Args:
@@ -77,34 +80,29 @@ class Player:
             ValueError: For an unknown task.
             ModelError: Where the agent raises an exception.
         """
-        text, info = self.env.reset(seed=seed, options={"task": task_id})
+        begun = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
+        task = start.task
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
         if (begin := getattr(self.agent, "begin", None)) is not None:
             call(begin, self.env, seed)
         turns: list[Turn] = []
-        actions: list[str] = []
-        total, ended, outcome = 0.0, False, ""
-        while not ended:
+
+        def choose(text: str, info: dict[str, Any]) -> int | None:
             messages.append({"role": "user", "content": content_of(text, info.get(IMAGES, []))})
-            action = self._choose_action(messages, turns)
-            if action is None:
-                outcome, ended = str(turns[-1].problem), True
-                total += self.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
-                continue
-            actions.append(describe(self.dynamics.appearance.decode(action)))
-            text, reward, terminated, truncated, info = self.env.step(action)
-            total, ended = total + float(reward), terminated or truncated
-            outcome = str(info.get("outcome", ""))
-        success = outcome == str(Outcome.SUCCESS)
-        task = start.task
-        return Episode(
+            return self._asking.choose(messages, turns, self._named)
+
+        steps = list(play_steps(self.env, begun, choose))
+        actions = [turn.action for turn in turns if turn.action is not None]
+        outcome = turns[-1].problem or str(steps[-1].info["outcome"])
+        episode = Episode.of(task, list(map(named, actions)), outcome, self.dynamics)
+        return Transcript(
             task=task.id,
             statement=task.statement,
             target=task.target,
             outcome=outcome,
-            reward=round(total, 6),
-            progression=progression(self._solver, start, self._state(), success=success),
+            reward=episode.reward,
+            progression=progression(self._solver, start, self._state(), success=episode.is_success),
             actions=actions,
             turns=turns,
             messages=messages,
@@ -113,24 +111,19 @@ class Player:
     def _state(self) -> State:
         return self.env.get_wrapper_attr("state")
 
-    def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int | None:
-        """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`. None if no answer names one."""
-        asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
-        return asking.choose(messages, turns, self._named)
-
     def _named(self, reply: str) -> tuple[str, int] | None:
         parsed = self.env.parse_action(reply)
         return (describe(self.dynamics.appearance.decode(parsed.action)), parsed.action) if parsed.understood else None
 
 
-def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) -> Iterator[Episode | Failure]:
+def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) -> Iterator[Transcript | Failure]:
     """The episodes of the jobs, task ids with seeds, as they end; `concurrency` of them are played at the same time.
 
     An agent's failure ends its episode only. Each thread has its own environment; they share the agent.
     """
     local = threading.local()
 
-    def play(job: tuple[str, int]) -> Episode | Failure:
+    def play(job: tuple[str, int]) -> Transcript | Failure:
         if not hasattr(local, "player"):
             local.player = replace(player)
         try:

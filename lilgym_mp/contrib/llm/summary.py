@@ -43,7 +43,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Episode:
+class Transcript:
     """An episode with its complete conversation."""
 
     task: str
@@ -62,7 +62,7 @@ class Episode:
         return self.outcome == "success"
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Episode:
+    def from_json(cls, data: Mapping[str, Any]) -> Transcript:
         """Inverse of `dataclasses.asdict`. Raises KeyError or TypeError for other data."""
         return cls(**{**data, "turns": [Turn(**turn) for turn in data["turns"]]})
 
@@ -115,8 +115,8 @@ def success_interval(rates: Sequence[tuple[str, float]]) -> tuple[float, float]:
     return percentile_interval(resampled_means(totals))
 
 
-def summarise(
-    episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
+def summarise_transcripts(
+    episodes: Sequence[Transcript], failed_episodes: int = 0, prices: tuple[float, float] | None = None
 ) -> dict[str, Any]:
     """The results of an agent, by name as in `summary.json`.
 

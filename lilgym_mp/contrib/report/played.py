@@ -10,10 +10,9 @@ from typing import Any
 from lilgym_mp.corpus import contexts
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import datasets
 from lilgym_mp.evaluation.episode_files import Header, Recording
-from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import EpisodesError
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
@@ -62,24 +61,8 @@ def _episode(record: Mapping[str, Any], settings: EnvConfig, split: str) -> Epis
     task = settings.tasks(split).by_id(record["task"])
     if task.statement != record["statement"]:
         raise ValueError(f"the statement of task {task.id} was {shown(record['statement'])} when it was played")
-    dynamics = settings.dynamics()
     actions = [named(name) for name in record["actions"]]
-    outcome = str(record["outcome"])
-    if outcome in FINAL_OUTCOMES:
-        return Episode.of(task, actions, outcome, dynamics, tags=task.tags)
-    signals = dynamics.rules.signals
-    before = (signals[Outcome.CONTINUES].reward,) * len(actions)
-    return Episode(
-        task=task.id,
-        statement=task.statement,
-        program=task.program,
-        target=task.target,
-        tags=task.tags,
-        outcome=outcome,
-        actions=tuple(actions),
-        rewards=(*before, signals[Outcome.INVALID_ACTION].reward),
-        start=task.start,
-    )
+    return Episode.of(task, actions, str(record["outcome"]), settings.dynamics(), tags=task.tags)
 
 
 def people(database: Path) -> Iterator[Recording]:

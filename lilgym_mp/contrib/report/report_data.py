@@ -10,7 +10,6 @@ from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
@@ -62,18 +61,7 @@ class TrainingCurve:
     learner: str
     configuration: str  # "" for a run on all configurations
     evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
-
-
-@dataclass(frozen=True)
-class PlayedElsewhere:
-    """A row of Table 2 that has no recordings: both agents of a game run, or a language model."""
-
-    agent: str
-    supervision: str
-    actions: str
-    runs: int
-    accuracies: Mapping[tuple[str, str], MeanStd]  # by configuration and split, in percent
+    recipe: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,7 +70,6 @@ class ReportData:
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    elsewhere: tuple[PlayedElsewhere, ...] = ()
 
     @property
     def header(self) -> Header:

@@ -34,12 +34,11 @@ NOVELTY = ("statement seen", "form seen", "new")
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
 EDITS = (*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more")
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
-ELSEWHERE = "‡"  # ends the name of an agent without recordings
 BASIS = "Runs behind the numbers"
 PAPER_NOTE = (
     f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Supervision is"
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
-    f" corpus: no mask. Rows marked {ELSEWHERE} were not recorded: games and language models."
+    " corpus: no mask."
 )
 
 
@@ -97,9 +96,6 @@ def table_2(data: ReportData) -> Iterator[Item]:
         runs = max(len(entry.runs) for entry in found if entry is not None)
         accuracies = [entry and accuracy_where(entry.runs) for entry in found]
         rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
-    for other in data.elsewhere:
-        cells = [other.accuracies.get(place) for place in played]
-        rows.append([f"{other.agent} {ELSEWHERE}", other.supervision, other.actions, other.runs, *cells])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)

@@ -16,7 +16,8 @@ from lilgym_mp.contrib.web.live_games import LiveGames
 from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES, UnsupportedAppearance
 from lilgym_mp.solver import Solver
@@ -54,9 +55,9 @@ class AppServices:
         self.dynamics = cache(lambda configuration: self.settings(configuration).dynamics())
         self.solver = cache(lambda configuration: Solver(self.dynamics(configuration)))
 
-    def settings(self, configuration: str) -> Settings:
+    def settings(self, configuration: str) -> EnvConfig:
         """The environment, with the served corpus. Raises ValueError for an unknown name."""
-        return Settings(configuration, self.corpus)
+        return EnvConfig(configuration, self.corpus)
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
         """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""

@@ -8,11 +8,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from contextlib import nullcontext
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Policy
 from lilgym_mp.learning.common.learners import LEARNERS, shipped_agents
 from lilgym_mp.learning.common.model_file import (
     ModelDescription,
@@ -20,6 +21,7 @@ from lilgym_mp.learning.common.model_file import (
     load_model,
     load_weights,
     no_larger_than,
+    read_description,
     select_device,
     using_description,
 )
@@ -84,13 +86,13 @@ class Agent(ABC):
         return None
 
     @abstractmethod
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """A policy for the configuration that samples actions if `sampled`, else takes the most probable ones.
 
         Raises ValueError for a configuration, grid or rule set that the agent cannot play.
         """
 
-    def planner(self, settings: Settings) -> Planner:
+    def planner(self, settings: EnvConfig) -> Planner:
         """Raises AgentError for an agent that makes no plans."""
         raise AgentError(f"an agent of kind {self.description.kind} makes no plans")
 
@@ -119,11 +121,10 @@ def agent_file(path: Path) -> Path:
     """The model file at `path`, which may be a run directory, or that of a shipped agent. Raises AgentError."""
     if not path.exists():
         if str(path) in shipped_agents():
-            return Path(str(files("lilgym_mp.data") / f"agent-{path}.safetensors"))
-        shipped = ", ".join(shipped_agents())
+            return _shipped_file(str(path))
         raise AgentError(
             f"no trained agent at {path}: there is no such file or directory; the agents that come with the package"
-            f" are {shipped}"
+            f" are {', '.join(shipped_agents())}"
         )
     if not path.is_dir():
         return path
@@ -138,7 +139,7 @@ def open_agent(path: Path | str, device: str = "auto") -> Agent:
     Raises ValueError naming the file and what is wrong.
     """
     path = agent_file(Path(path))
-    kind = load_model(path)[0].kind
+    kind = read_description(path).kind
     if kind not in LEARNERS:
         raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(LEARNERS))}")
     return LEARNERS[kind]().load_agent(path, device)
@@ -146,12 +147,15 @@ def open_agent(path: Path | str, device: str = "auto") -> Agent:
 
 def load_agent(name: str, device: str = "auto") -> Agent:
     """An agent shipped with the package. Raises ValueError naming the choices."""
-    choose("agent", name, {agent: agent for agent in shipped_agents()})
-    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
-        return open_agent(path, device)
+    choose("agent", name, dict.fromkeys(shipped_agents()))
+    return open_agent(_shipped_file(name), device)
 
 
-def check_configuration(description: ModelDescription, settings: Settings) -> None:
+def _shipped_file(name: str) -> Path:
+    return Path(str(files("lilgym_mp.data") / f"agent-{name}.safetensors"))
+
+
+def check_configuration(description: ModelDescription, settings: EnvConfig) -> None:
     """Raises AgentError when the agent does not play the configuration."""
     if settings.configuration not in description.configurations:
         raise AgentError(

@@ -66,7 +66,7 @@ class FeatureTable(BoxIndex, ABC):
         self._updated = 0  # boxes with features
 
     @abstractmethod
-    def columns(self, boxes: Sequence[Box], items: NDArray[np.int64]) -> Mapping[str, NDArray[Any]]:
+    def columns(self, boxes: Sequence[Box], items: Int64Array) -> Mapping[str, NDArray[Any]]:
         """The rows of the arrays, which are attributes, by name, of boxes that hold these items (n, K, 5)."""
 
     def update_features(self) -> None:

@@ -38,12 +38,12 @@ class LabelledStatement:
     """A statement and what is known of it."""
 
     statement: str
-    tasks: list[Task] = field(default_factory=list[Task])
-    scenes: list[Boxes] = field(default_factory=list[Boxes])
-    truths: list[bool] = field(default_factory=list[bool])  # in these scenes
-    paths: list[PathFromStart] = field(default_factory=list[PathFromStart])  # to these scenes
-    pairs: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # one edit apart, true and false
-    index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
+    tasks: list[Task] = field(default_factory=list)
+    scenes: list[Boxes] = field(default_factory=list)
+    truths: list[bool] = field(default_factory=list)  # in these scenes
+    paths: list[PathFromStart] = field(default_factory=list)  # to these scenes
+    pairs: list[tuple[int, int]] = field(default_factory=list)  # one edit apart, true and false
+    index: dict[Boxes, int] = field(default_factory=dict)
     start_boxes: Int64Array = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # of the tasks, once needed
     by_truth: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
 
@@ -57,9 +57,8 @@ class LabelledStatement:
 
     def random_task(self, rng: Rng) -> int:
         """The index of a task: of those from the empty scene as often as of the others, if there are both."""
-        empty = [index for index, task in enumerate(self.tasks) if not any(task.start.items())]
-        full = [index for index, task in enumerate(self.tasks) if any(task.start.items())]
-        side = (empty if rng.random() < 0.5 else full) or empty or full
+        by_start = grouped((any(task.start.items()), index) for index, task in enumerate(self.tasks))
+        side = by_start.get(rng.random() >= 0.5) or next(iter(by_start.values()))
         return side[rng.integers(len(side))]
 
 

@@ -29,19 +29,14 @@ class Model(nn.Module):
     factorisation: Factorisation
     pretraining: str = ""  # what it was trained on before PPO; empty for nothing
     restriction: str = ""  # actions that it cannot take; empty for none
-    has_fixed_inputs: bool = False
 
     def forward(self, states: Any) -> Prediction:
-        """`states`: as `inputs` or `fixed_inputs` returns them."""
+        """`states`: as `inputs` returns them."""
         raise NotImplementedError
 
     def inputs(self, states: States) -> Any:
         """What the network reads of the states."""
         return states
-
-    def fixed_inputs(self, states: States) -> tuple[Tensor, ...]:
-        """Tensors with a row for each state, on the network's device; only if it `has_fixed_inputs`."""
-        raise NotImplementedError
 
     def clear_cache(self) -> None:
         """Call it when the weights have changed."""
@@ -71,9 +66,7 @@ class SeparateCritic(Model):
         self.restriction = actor.restriction
         self.actor = actor
         self.critic = critic
-        self.has_fixed_inputs = actor.has_fixed_inputs
         self.inputs = actor.inputs
-        self.fixed_inputs = actor.fixed_inputs
 
     def forward(self, states: Any) -> Prediction:
         return self.actor(states)._replace(values=self.critic(states).values)

@@ -42,8 +42,8 @@ class ModelDescription:
     version: int  # version of the kind's own format
     configurations: tuple[str, ...]  # configurations that it plays
     supervision: str  # what it learnt from, for result tables
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])  # hyperparameters
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # specific to the kind, such as a vocabulary
+    recipe: Mapping[str, Any] = field(default_factory=dict)  # hyperparameters
+    details: Mapping[str, Any] = field(default_factory=dict)  # specific to the kind, such as a vocabulary
 
     def to_json(self) -> dict[str, Any]:
         """The description stored in the model file, with its format."""
@@ -70,23 +70,19 @@ def save_model(path: Path, description: ModelDescription, tensors: Mapping[str, 
 
 def read_description(path: Path) -> ModelDescription:
     """The description in a model file, without its tensors. Raises ModelFileError naming the file."""
-    try:
-        with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-    except (SafetensorError, OSError) as error:
-        raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
-    with using_description(path):
-        return ModelDescription.from_json(json.loads(metadata[METADATA_KEY]))
+    return load_model(path, with_tensors=False)[0]
 
 
-def load_model(path: Path, device: str | torch.device = "cpu") -> tuple[ModelDescription, dict[str, Tensor]]:
+def load_model(
+    path: Path, device: str | torch.device = "cpu", *, with_tensors: bool = True
+) -> tuple[ModelDescription, dict[str, Tensor]]:
     """The description, and the tensors on the device. Raises ModelFileError naming the file and what is wrong."""
     if not path.is_file():
         raise ModelFileError(f"{path}: {'not a regular file' if path.exists() else 'there is no such file'}")
     try:
         with safe_open(path, "pt", device=str(device)) as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            tensors = {name: file.get_tensor(name) for name in file.keys() if with_tensors}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
     if METADATA_KEY not in metadata:

@@ -59,7 +59,7 @@ class PlanPolicy(Policy):
         self._latest: list[Plan] = []  # (B,) of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        appearance = self.planner.dynamics.appearance
+        dynamics = self.planner.dynamics
         chosen: list[int] = []
         self._latest = []
         for row, (episode, step) in enumerate(
@@ -70,9 +70,12 @@ class PlanPolicy(Policy):
             episode_plan = self._episode_plans.pop(episode, None) if step else None
             if episode_plan is None or not np.array_equal(draw(episode_plan.scene, "half"), image):
                 episode_plan = self._new_plan(image, statement, bool(observations.targets[row]), step)
-            chosen.append(appearance.encode(episode_plan.actions[0]))
+            action, *rest = episode_plan.actions
+            chosen.append(dynamics.appearance.encode(action))
             self._latest.append(episode_plan.plan)
-            self._advance(episode, episode_plan)
+            if rest:
+                scene = dynamics.appearance.apply(episode_plan.scene, action, dynamics.rules.placement).scene
+                self._episode_plans[episode] = _EpisodePlan(rest, scene, episode_plan.plan)
         return np.array(chosen, np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
@@ -92,15 +95,6 @@ class PlanPolicy(Policy):
             return _EpisodePlan((STOP,), Scene.empty(), Plan((STOP,), 0.0))
         plan = self.planner.plan(scene, statement, target, step)
         return _EpisodePlan(plan.actions, scene, plan)
-
-    def _advance(self, episode: int, episode_plan: _EpisodePlan) -> None:
-        """Stores the plan from its second action on."""
-        action, *rest = episode_plan.actions
-        if not rest:
-            return
-        dynamics = self.planner.dynamics
-        scene = dynamics.appearance.apply(episode_plan.scene, action, dynamics.rules.placement).scene
-        self._episode_plans[episode] = _EpisodePlan(rest, scene, episode_plan.plan)
 
 
 @dataclass

@@ -8,8 +8,8 @@ import numpy as np
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.checks import checked_count
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 
@@ -35,7 +35,7 @@ class StatementSampler:
         empty_starts: float = 0.0,
     ) -> None:
         """`id`: of the environment, or its configuration. Raises ValueError naming the value and its bounds."""
-        settings = Settings(configuration_name(*read_configuration(id)), os.fspath(corpus))
+        settings = EnvConfig(configuration_name(*read_configuration(id)), os.fspath(corpus))
         options = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
         recipe = UpdateRecipe(envs=same_statement, rollout=same_statement, batch_size=1, held_out=0.0, **options)
         training = training_tasks(settings, recipe)

@@ -11,8 +11,8 @@ import numpy as np
 
 from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.programs.task import Task
@@ -24,7 +24,7 @@ MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced
 Choice = TypeVar("Choice")
 
 
-def train_tasks(settings: Settings, *, scratch: bool = True) -> dict[str, TaskSet]:
+def train_tasks(settings: EnvConfig, *, scratch: bool = True) -> dict[str, TaskSet]:
     """The train tasks by configuration: its own first; with `scratch`, a FlipIt run plays those of Scratch too.
 
     Raises CorpusError for unusable data, ValueError for settings that make no environment.
@@ -58,13 +58,8 @@ class TrainingTasks:
         """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
-    @property
-    def plays_empty_starts(self) -> bool:
-        """Whether any task is also played from the empty scene."""
-        return bool(self.from_empty.any())
 
-
-def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool = False) -> TrainingTasks:
+def training_tasks(settings: EnvConfig, recipe: UpdateRecipe, *, matching: bool = False) -> TrainingTasks:
     """`matching`: only tasks with a scene labelled in the corpus, which alone solve them.
 
     Raises CorpusError for unusable data, ValueError when no training task is left.

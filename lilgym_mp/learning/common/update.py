@@ -120,7 +120,7 @@ def mini_batches(
 
 
 def losses(
-    recipe: UpdateRecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float | Tensor
+    recipe: UpdateRecipe, policy: Policy, values: Tensor, old: Transitions, entropy_coefficient: float
 ) -> Losses:
     """The losses of a mini-batch, from the current policy and values and the transitions they were trained on."""
     log_probabilities, entropies = policy.evaluate_actions(old.actions)

@@ -1,4 +1,9 @@
-"""Statements as word indices."""
+"""Statements as word indices, with number words as digits and misspellings repaired.
+
+PPO, the game and agents of Stable-Baselines3 read words as written instead (`Vocabulary.encode`), as batches of
+environments give them. Which of the two an agent reads is fixed by the vocabulary in its model file: there the former
+has number words and misspellings, and no digits.
+"""
 
 from __future__ import annotations
 

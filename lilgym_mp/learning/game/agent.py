@@ -10,10 +10,11 @@ import torch
 from torch import nn
 
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
-from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.evaluation import Policy
 from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.states import BoxImageTable
@@ -69,7 +70,7 @@ class GameAgent(Agent):
     def box_transformers(self) -> Mapping[str, GameNetwork]:
         return {name: self.networks[role] for role, name in network_names([*self.networks], self.recipe).items()}
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """Raises AgentError: neither agent plays the single-agent environment."""
         raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate`")
 

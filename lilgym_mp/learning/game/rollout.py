@@ -46,14 +46,6 @@ class Seen(NamedTuple):
     boxes_of: Int64Array  # (2, T, N, 3)
     context: Int64Array  # (2, T, N, C)
 
-    @classmethod
-    def empty(cls, game: Game, turns: int, games: int) -> Seen:
-        """Zeros for so many turns of so many games."""
-        shape = len(Role), turns, games
-        return cls(
-            game, np.zeros((*shape, BOX_COUNT), np.int64), np.zeros((*shape, len(context_sizes(game))), np.int64)
-        )
-
 
 class Claims(NamedTuple):
     """Claims judged in the last turn of their game, when the truth came out."""
@@ -89,19 +81,22 @@ class Rollout:
         self.game, self.table, self.statements = game, BoxImageTable(), statements
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
+        self.verdicts = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
         self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
-        self.verdicts: Int64Array = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
-        self.holds: BoolArray = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
-        self.legal: BoolArray = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
+        self.holds = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
+        self.legal = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
         both = len(Role), *shape
-        self.acted: BoolArray = np.zeros(both, np.bool_)  # (2, T, N)
         views = [game, game.showing_everything()] if central else [game]
-        self.seen = [Seen.empty(each, *shape) for each in views]  # by the agents, then by a central critic
-        self.actions: Int64Array = np.zeros(both, np.int64)  # (2, T, N)
+        self.seen = [  # by the agents, then by a central critic
+            Seen(each, *(np.zeros((*both, size), np.int64) for size in (BOX_COUNT, len(context_sizes(each)))))
+            for each in views
+        ]
+        self.acted = np.zeros(both, np.bool_)  # (2, T, N)
+        self.actions = np.zeros(both, np.int64)  # (2, T, N)
         self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
-        self.rewards: Float32Array = np.zeros(both, np.float32)  # (2, T, N) of every turn
-        self.last_values: Float32Array = np.zeros((len(Role), games), np.float32)  # (2, N) after the last turn
-        self.to_move: BoolArray = np.zeros((len(Role), games), np.bool_)  # (2, N) who is to move then
+        self.rewards = np.zeros(both, np.float32)  # (2, T, N) of every turn
+        self.last_values = np.zeros((len(Role), games), np.float32)  # (2, N) after the last turn
+        self.to_move = np.zeros((len(Role), games), np.bool_)  # (2, N) who is to move then
 
     @property
     def returns(self) -> Float64Array:

@@ -12,8 +12,9 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.learning.common.agents import Agent, check_configuration
@@ -117,7 +118,7 @@ def choose_actions(
 
 
 def tune_stop_rule(
-    policy: NetworkPolicy, settings: Settings, tasks: Sequence[Task], rng: np.random.Generator
+    policy: NetworkPolicy, settings: EnvConfig, tasks: Sequence[Task], rng: np.random.Generator
 ) -> tuple[StopRule, float]:
     """The stop rule with the highest accuracy on the tasks, and that accuracy; ties go to the first one tried."""
     tried: list[tuple[float, StopRule]] = []
@@ -166,7 +167,7 @@ class ImitationAgent(Agent):
         rules = {name: StopRule(**rule) for name, rule in description.details["stop_rules"].items()}
         return cls(description, make_network(description.details["network"]), rules)
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """The policy on images; it needs no action mask. Greedy, unless the stop rule samples or `sampled` is set.
 
         Raises ValueError for a configuration or grid that the network cannot play.

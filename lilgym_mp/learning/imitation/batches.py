@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
-from numpy.typing import NDArray
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN
@@ -25,7 +24,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs, Outputs
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 MIN_PROBABILITY = 1e-13  # clamp; sets of actions below it have no gradient
 Rng = np.random.Generator
@@ -47,7 +46,7 @@ class DistinctBoxes(NamedTuple):
     """The distinct boxes of each statement's scenes, those of the first A scenes first."""
 
     indices: Int64Array  # (S, U) in the feature table
-    present: NDArray[np.bool_]  # (S, U) false for padding
+    present: BoolArray  # (S, U) false for padding
     scenes: Int64Array  # (S, N, 3) scenes as indices 0 .. U - 1
     acting: int  # V: the maximum number of boxes in the first A scenes
 
@@ -162,7 +161,7 @@ class BatchSampler:
 
     def _optimal(
         self, entries: Sequence[DatasetEntry], rows: Sequence[Int64Array], orders: Int64Array, solved: int
-    ) -> NDArray[np.bool_]:
+    ) -> BoolArray:
         optimal = np.zeros((len(entries), solved, self.heads.size), np.bool_)
         for entry, row, order, masks in zip(entries, rows, orders.tolist(), optimal, strict=True):
             recoloured = self.heads.recoloured[order]

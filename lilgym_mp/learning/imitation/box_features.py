@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lilgym_mp.learning.common.boxes import GAP_BINS, ITEM_SIDES, FeatureTable, gap_features
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
 from lilgym_mp.scene.appearances.scatter.cell_places import legal_edits
-from lilgym_mp.scene.arrays import one_hot
+from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array, one_hot
 
 CELL = 20  # pixels: side of a cell of the released grid
 CELLS = BOX_SIDE // CELL  # a side of a box, in cells
@@ -25,37 +25,33 @@ FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, wall gaps, cel
 class BoxFeatureTable(FeatureTable):
     """A growing table of N distinct boxes, with capacity for K items each."""
 
-    counts: NDArray[np.int64]  # (N,)
-    features: NDArray[np.uint8]  # (N, K, F) binary
-    colours: NDArray[np.int64]  # (N, K)
-    relations: NDArray[np.uint8]  # (N, K, K) of the second item to the first
-    offsets: NDArray[np.int16]  # (N, K, 2, 5) see `cell_offsets`
-    legal: NDArray[np.bool_]  # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
+    counts: Int64Array  # (N,)
+    features: UInt8Array  # (N, K, F) binary
+    colours: Int64Array  # (N, K)
+    relations: UInt8Array  # (N, K, K) of the second item to the first
+    offsets: Int16Array  # (N, K, 2, 5) see `cell_offsets`
+    legal: BoolArray  # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
 
     def __init__(self, appearance: str | None = None) -> None:
         super().__init__(8, appearance)
 
-    def indices(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
+    def indices(self, scenes: Sequence[Scene]) -> Int64Array:
         """(B, 3) box indices."""
         return np.array([self.of(scene) for scene in scenes], np.int64).reshape(-1, 3)
 
-    def columns(self, boxes: Sequence[Box], items: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, NDArray[Any]]:
+        legal = np.array([legal_edits(box.items, (CELL, CELL), searches=True) for box in boxes])
         return {
             "counts": (items[:, :, 2] >= 0).sum(1),
             "features": item_features(items),
             "colours": items[:, :, 3].clip(0),
             "relations": item_relations(items),
             "offsets": cell_offsets(items),
-            "legal": np.stack([_legal(box) for box in boxes]),
+            "legal": (legal[..., None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_),
         }
 
 
-def _legal(box: Box) -> NDArray[np.bool_]:
-    legal = legal_edits(box.items, (CELL, CELL), searches=True)
-    return (legal[:, None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_)
-
-
-def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
+def item_features(items: Int64Array) -> UInt8Array:
     """(N, K, F) features of each item except its colour, from (N, K, 5) items padded with -1."""
     x, y, shape, _, size = (items[..., field] for field in range(5))
     parts = [
@@ -68,7 +64,7 @@ def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)
 
 
-def item_relations(items: NDArray[np.int64]) -> NDArray[np.uint8]:
+def item_relations(items: Int64Array) -> UInt8Array:
     """(N, K, K) the second item's relation to the first: horizontal and vertical direction, and distance bin."""
     x = items[..., 0]
     y = items[..., 1]
@@ -80,7 +76,7 @@ def item_relations(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     return relations.astype(np.uint8)
 
 
-def _direction(start: NDArray[np.int64], side: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _direction(start: Int64Array, side: Int64Array) -> tuple[Int64Array, Int64Array]:
     """(N, K, K) 0 before, 1 overlapping, 2 after along one axis; and the gap in pixels, negative if overlapping."""
     end = start + side
     before = start[:, :, None] - end[:, None, :]  # second item ends before the first starts
@@ -89,7 +85,7 @@ def _direction(start: NDArray[np.int64], side: NDArray[np.int64]) -> tuple[NDArr
     return np.where(before >= 0, 0, np.where(after >= 0, 2, 1)), gap
 
 
-def cell_offsets(items: NDArray[np.int64]) -> NDArray[np.int16]:
+def cell_offsets(items: Int64Array) -> Int16Array:
     """(N, K, 2, 5) embedding index of footprint and offset to each cell column, then each row; 0 without an item."""
     footprint = items[..., 2] * 3 + items[..., 4]
     corners = np.arange(CELLS) * CELL

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.corpus.matching import BOX_ORDERS
 from lilgym_mp.corpus.tokens import words
@@ -19,6 +18,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver import Solver
 
@@ -33,7 +33,7 @@ class DatasetEntry(LabelledStatement):
     starts: tuple[Scene, ...]
     exchanges_colours: bool  # in words and scenes alike
     steps: list[int] = field(default_factory=list)  # length of a shortest solution; 0 without optimal actions
-    actions: list[NDArray[np.int64] | None] = field(default_factory=list)  # logit indices of the optimal actions
+    actions: list[Int64Array | None] = field(default_factory=list)  # logit indices of the optimal actions
     with_actions: list[int] = field(default_factory=list)  # indices of the scenes with optimal actions
 
     def add(self, boxes: Boxes, *, truth: bool) -> int:
@@ -59,9 +59,9 @@ def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) ->
 
 def split_held_out(entries: Sequence[DatasetEntry], fraction: float) -> tuple[list[DatasetEntry], list[DatasetEntry]]:
     """Training and held-out entries, split by statement so that no statement is in both."""
-    held_out = choose_held_out(sorted({tuple(words(entry.statement)) for entry in entries}), fraction)
-    training = [entry for entry in entries if tuple(words(entry.statement)) not in held_out]
-    return training, [entry for entry in entries if tuple(words(entry.statement)) in held_out]
+    held_out = choose_held_out(sorted({words(entry.statement) for entry in entries}), fraction)
+    parts = grouped((words(entry.statement) in held_out, entry) for entry in entries)
+    return parts.get(False, []), parts.get(True, [])
 
 
 class DataCollector:

@@ -20,7 +20,8 @@ from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.learning.common.model_file import precision
@@ -95,7 +96,7 @@ class ImitationRun(TrainingRun):
 
     def __init__(
         self,
-        settings: Settings,
+        settings: EnvConfig,
         recipe: ImitationRecipe,
         out: Path,
         *,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lilgym_mp.corpus.records import FLIPIT
-from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Policy
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.planning import PlanPolicy
@@ -32,12 +33,12 @@ class ParseAndPlanAgent(Agent):
         """The network of the parser."""
         return self.parser.network
 
-    def planner(self, settings: Settings) -> ProgramPlanner:
+    def planner(self, settings: EnvConfig) -> ProgramPlanner:
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         calibration = Calibration(**self.description.details["calibration"])
         return ProgramPlanner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration)
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""
         return PlanPolicy(self.planner(settings))

@@ -61,13 +61,10 @@ def beam_search(
     partials = [Candidate((), 0.0, (Slot(0, 0),))]
     done: list[Candidate] = []
     for length in range(network.sizes.longest_program):
-        before = torch.tensor([[partial.tokens[-1] if partial.tokens else 0] for partial in partials], device=device)
-        slots = Slots(
-            torch.tensor([[partial.open_slots[-1].parent] for partial in partials], device=device),
-            torch.tensor([[partial.open_slots[-1].argument] for partial in partials], device=device),
-        )
+        last = [(*(partial.tokens[-1:] or (0,)), *partial.open_slots[-1]) for partial in partials]
+        before, *places = torch.tensor(last, device=device).split(1, 1)
         expanded = [memory.expanded(len(partials)) for memory in memories]
-        logits = network.decode(expanded, before, slots, first=length, caches=caches)[:, 0]
+        logits = network.decode(expanded, before, Slots(*places), first=length, caches=caches)[:, 0]
         scores = (
             logits.log_softmax(1)
             + torch.tensor([partial.log_probability for partial in partials], device=device)[:, None]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence, Set
+from contextlib import suppress
 from typing import NamedTuple
 
-from lilgym_mp.corpus import CorpusError, NoTasksError, load_all_tasks
+from lilgym_mp.corpus import CorpusError, load_all_tasks
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.tokens import statement_form
@@ -59,10 +60,10 @@ def parse_scores(
     the corpus that the parser was trained on, by default this one. The level of a program is the lowest of the
     statement generator's that admits it.
     """
-    try:
-        forms = _train_forms(trained_on or corpus)
-    except CorpusError:  # it is not here
-        forms = set[str]()
+    forms = set[str]()
+    with suppress(CorpusError):  # it is not here, or has no train split
+        for tasks in load_all_tasks(trained_on or corpus, starts=[SCRATCH], splits=[TRAIN]):
+            forms |= {statement_form(task.statement) for task in tasks}
     for tasks in load_all_tasks(corpus, starts=[SCRATCH], splits=[split]):
         appearance = tasks.provenance.appearance
         groups = defaultdict[str, list[ParseItem]](list)
@@ -76,14 +77,6 @@ def parse_scores(
                 rights = ((item.exact_form, item.equal_truth, item.among_candidates) for item in items)
                 shares = (sum(column) / len(items) for column in zip(*rights, strict=True))
                 yield ParseScore(appearance, group, len(items), *shares)
-
-
-def _train_forms(corpus: str) -> set[str]:
-    try:
-        sets = list(load_all_tasks(corpus, starts=[SCRATCH], splits=[TRAIN]))
-    except NoTasksError:
-        return set()
-    return {statement_form(task.statement) for tasks in sets for task in tasks}
 
 
 def _item(parser: Parser, statement: str, program: str, appearance: str, forms: Set[str]) -> ParseItem:

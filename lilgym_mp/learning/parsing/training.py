@@ -17,8 +17,9 @@ from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.learning.common.optimisation import cosine_decay
 from lilgym_mp.learning.common.program_batches import (
@@ -209,7 +210,7 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[tuple[float, bool]] = []
     for name, (appearance, _) in CONFIGURATIONS.items():
-        settings = Settings(name, corpus=corpus)
+        settings = EnvConfig(name, corpus=corpus)
         try:
             tasks = settings.tasks("train")
         except NoTasksError:

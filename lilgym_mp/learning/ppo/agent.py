@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_configuration
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
@@ -102,17 +103,17 @@ class PPOAgent(Agent):
     kind = "ppo"
     version = 2
     description: ModelDescription
-    settings: Settings
+    settings: EnvConfig
     network: Model
 
     @classmethod
     def of(cls, description: ModelDescription) -> PPOAgent:
         recipe = PPORecipe.from_json(description.recipe)
-        settings = Settings.from_json(description.details["settings"])
+        settings = EnvConfig.from_json(description.details["settings"])
         appearance = make_appearance(settings.appearance, settings.grid)
         return cls(description, settings, make_model(recipe, appearance, details=description.details["model"]))
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """Raises AgentError for a configuration or grid it was not trained on."""
         check_configuration(self.description, settings)
         if settings.grid != self.settings.grid:
@@ -125,7 +126,7 @@ class PPOAgent(Agent):
 
 
 def describe(
-    settings: Settings,
+    settings: EnvConfig,
     recipe: PPORecipe,
     recipe_name: str,
     configurations: tuple[str, ...],

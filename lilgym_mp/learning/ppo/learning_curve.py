@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.matching import solvable_matching_corpus
-from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Episode, Policy, evaluate
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RunDirectory
@@ -23,7 +24,7 @@ SPLIT = "dev"
 class LearningCurve:
     """Evaluations on dev at intervals of `every` steps, with the same random numbers each time."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: RunDirectory) -> None:
+    def __init__(self, settings: EnvConfig, recipe: PPORecipe, every: int, run: RunDirectory) -> None:
         """Raises CorpusError when dev has no tasks."""
         settings.tasks(SPLIT)
         self._settings = settings
@@ -79,7 +80,7 @@ class DevEvaluation(NamedTuple):
     image_accuracy: float | None  # fraction of them that end with STOP in such a scene: the NLVR reward's success
 
 
-def _matching_tasks(settings: Settings) -> Mapping[str, Task]:
+def _matching_tasks(settings: EnvConfig) -> Mapping[str, Task]:
     """By id, the tasks with a scene of the corpus labelled with the target; none for FlipIt or without labels."""
     try:
         tasks = load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT)

@@ -314,8 +314,6 @@ class ConvolutionsAndBert(PretrainedModel):
     With both, actor and critic share the convolutions and the target embedding, as in the release.
     """
 
-    has_fixed_inputs = True
-
     def __init__(
         self,
         encoder: FrozenBert,
@@ -347,25 +345,14 @@ class ConvolutionsAndBert(PretrainedModel):
         is_few = len(scenes) < FEW_SCENES
         arrays = [scene_images(states, scenes)] if is_few else self._table.of(states, scenes)
         seen = [torch.from_numpy(array).to(device) for array in arrays]
-        return seen, *self._words_and_targets(states), torch.from_numpy(scene_of).to(device)
-
-    def fixed_inputs(self, states: States) -> tuple[Tensor, ...]:
-        scenes, scene_of = states.scenes()
-        images = torch.from_numpy(scene_images(states, scenes)).to(self.target.weight.device)
-        return images[scene_of], *self._words_and_targets(states)
-
-    def _words_and_targets(self, states: States) -> tuple[Tensor, Tensor]:
-        """(N, width) statement vectors and (N,) targets."""
-        device = self.target.weight.device
-        statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
-        return self._encoder.vectors(states.statements, device)[statement_of], targets
+        indices = (states.statement_of, states.targets, scene_of)
+        statement_of, targets, scene_of = (torch.from_numpy(each).to(device) for each in indices)
+        return seen, self._encoder.vectors(states.statements, device)[statement_of], targets, scene_of
 
     def features(self, states: Any) -> Tensor:
-        seen, vectors, targets, *scene_of = states
-        images, *windows = seen if scene_of else [seen]
+        (images, *windows), vectors, targets, scene_of = states
         found = self._convolved(images, windows) if windows else self.convolutions(_floats(images))
-        found = self.image(found)
-        return torch.cat((found[scene_of[0]] if scene_of else found, vectors, self.target(targets)), 1)
+        return torch.cat((self.image(found)[scene_of], vectors, self.target(targets)), 1)
 
     def _convolved(self, pixels: Tensor, windows: Sequence[Tensor]) -> Tensor:
         """(V, features) of `convolutions`, from the windows of V scenes: those of pixels, and the others."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from lilgym_mp.evaluation import Settings
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy, as_numpy
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
@@ -49,7 +49,7 @@ class Rollout(NamedTuple):
 class EpisodeStatistics:
     """Statistics of the episodes that ended since the last update."""
 
-    ends: Counter[str] = field(default_factory=Counter[str])
+    ends: Counter[str] = field(default_factory=Counter)
     reward: float = 0.0
     steps: int = 0  # actions in these episodes
     forced: int = 0  # forced STOPs
@@ -58,7 +58,7 @@ class EpisodeStatistics:
 class RolloutCollector:
     """N environments and their current episodes."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, tasks: TrainingTasks) -> None:
+    def __init__(self, settings: EnvConfig, recipe: PPORecipe, tasks: TrainingTasks) -> None:
         self._recipe = recipe
         self._envs = settings.make_batch(TRAINING_SPLIT, recipe.envs)
         self._envs.change_tasks(lambda _: tasks.tasks)

@@ -15,11 +15,10 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.model_file import precision, weights_digest
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
 from lilgym_mp.learning.common.tasks import training_tasks
@@ -87,7 +86,7 @@ class PPORun(TrainingRun):
 
     def __init__(
         self,
-        settings: Settings,
+        settings: EnvConfig,
         recipe: PPORecipe,
         out: Path,
         *,
@@ -122,11 +121,6 @@ class PPORun(TrainingRun):
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._collector = RolloutCollector(settings, recipe, self.tasks)
-        self._graphed = None
-        if uses_graphs(self.model, recipe, self.device):
-            from lilgym_mp.learning.ppo.cuda_graphs import GraphedModel
-
-            self._graphed = GraphedModel(self.model, self._optimiser, recipe, self._precision)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         self.curve = None
         if evaluate_every:
@@ -141,7 +135,7 @@ class PPORun(TrainingRun):
     def configurations(self) -> tuple[str, ...]:
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         scratch = configuration_name(self._settings.appearance, SCRATCH)
-        return (self._settings.configuration, *([scratch] if self.tasks.plays_empty_starts else []))
+        return (self._settings.configuration, *([scratch] if self.tasks.from_empty.any() else []))
 
     def introduction(self) -> str:
         recipe = self.recipe
@@ -177,15 +171,10 @@ class PPORun(TrainingRun):
         entropy_coefficient = schedule(self._optimiser, self.recipe, self.progress())
         self.model.eval()
         with self._precision():
-            rollout = self._collector.collect(self._graphed or self.model, self._rng)
+            rollout = self._collector.collect(self.model, self._rng)
         self.model.train()
         self.model.clear_cache()
-        experience = self._experience(rollout)
-        if self._graphed:
-            states = rollout.states(np.arange(self.recipe.rollout))
-            losses = self._graphed.update(states, experience, entropy_coefficient, self._rng)
-        else:
-            losses = update(experience, self._optimiser, self.recipe, entropy_coefficient, self._rng)
+        losses = update(self._experience(rollout), self._optimiser, self.recipe, entropy_coefficient, self._rng)
         counters.steps += self.recipe.rollout
         counters.updates += len(losses)
         progress = self._progress(mean_losses(losses), start_seconds)
@@ -280,12 +269,6 @@ class PPORun(TrainingRun):
         )
         self._collector.close()
         return PPOAgent(description, self._settings, self.model.eval())
-
-
-def uses_graphs(model: Model, recipe: PPORecipe, device: torch.device) -> bool:
-    """Whether all mini-batches have the same shapes, and CUDA is used."""
-    even = not recipe.microbatch and recipe.rollout % recipe.batch_size == 0
-    return device.type == "cuda" and model.has_fixed_inputs and even and not recipe.mask
 
 
 train_ppo = training(PPORun)

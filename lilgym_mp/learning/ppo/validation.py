@@ -7,7 +7,8 @@ from statistics import fmean
 
 from torch import Tensor
 
-from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import evaluate
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.run_directory import VALIDATIONS_FILE, RunDirectory
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
@@ -28,7 +29,7 @@ class ValidationState:
 class Validation:
     """Plays the held-out tasks and keeps the best weights; without such tasks it does nothing."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], run: RunDirectory) -> None:
+    def __init__(self, settings: EnvConfig, recipe: PPORecipe, task_ids: tuple[str, ...], run: RunDirectory) -> None:
         self._settings = settings
         self._recipe = recipe
         self._task_ids = task_ids

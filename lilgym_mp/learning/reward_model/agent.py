@@ -11,10 +11,11 @@ import torch
 
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, STOP_ACTION
 from lilgym_mp.envs.rules import State
-from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
+from lilgym_mp.evaluation import CONFIGURATIONS, Policy
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.planning import PlanPolicy
@@ -53,11 +54,11 @@ class RewardModelAgent(Agent):
         appearance, _ = CONFIGURATIONS[description.configurations[0]]
         return cls(description, recipe, make_network(recipe, vocabulary, appearance), vocabulary, appearance)
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+    def policy(self, settings: EnvConfig, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect. Raises AgentError for another configuration."""
         return PlanPolicy(self.planner(settings))
 
-    def planner(self, settings: Settings) -> SearchPlanner:
+    def planner(self, settings: EnvConfig) -> SearchPlanner:
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         is_flipit = settings.start == FLIPIT

@@ -48,8 +48,10 @@ class Exchange(NamedTuple):
 
     def words(self) -> dict[str, str]:
         """The words it replaces."""
-        colours = {Colour(old).name.lower(): Colour(new).name.lower() for old, new in enumerate(self.colours)}
-        shapes = {Shape(old).name.lower(): Shape(new).name.lower() for old, new in enumerate(self.shapes)}
+        colours, shapes = (
+            {kind(old).name.lower(): kind(new).name.lower() for old, new in enumerate(after)}
+            for kind, after in ((Colour, self.colours), (Shape, self.shapes))
+        )
         plurals = {f"{old}s": f"{new}s" for old, new in shapes.items()}
         sides = {"left": "right", "right": "left"} if self.mirrored else {}
         return {**colours, **shapes, **plurals, **sides}

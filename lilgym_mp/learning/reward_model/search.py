@@ -258,7 +258,11 @@ class _ScatterSearch:
         if left < 2:
             return wanted
         pairs = combinations_with_replacement(np.argsort(-single)[:MACRO_PARTS].tolist(), 2)
-        pairs = [pair for pair in pairs if self._may_combine(*(edits[at] for at in pair))]
+        pairs = [  # two removals from a box would change positions
+            (at, other)
+            for at, other in pairs
+            if edits[at].box != edits[other].box or min(edits[at].canonical, edits[other].canonical) >= 0
+        ]
         one, two = np.array(pairs, np.int64).reshape(-1, 2).T
         double = np.where(box[one] == box[two], scores((one, two)), scores((one,), (two,)))
         order = np.argsort(-double)[:most].tolist()
@@ -286,11 +290,6 @@ class _ScatterSearch:
         additions = [_Edit(index, one, -1) for one in np.unique(canonical[canonical >= 0]).tolist()]
         positions = removal_table(self._scatter, items)
         return additions + [_Edit(index, -1, one) for one in np.unique(positions[positions >= 0]).tolist()]
-
-    @staticmethod
-    def _may_combine(one: _Edit, two: _Edit) -> bool:
-        """Whether both can be made in turn; two removals from a box would change positions."""
-        return one.box != two.box or min(one.canonical, two.canonical) >= 0
 
     def _made(self, node: _Node, edits: Sequence[_Edit]) -> tuple[Scene, tuple[int, ...]] | None:
         """The scene after the edits, by the rules, and the actions so far; None if one has become impossible."""

@@ -14,7 +14,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from lilgym_mp.evaluation import Settings
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.learning.common.labelled_scenes import Collector, LabelledStatement, entries_of, sample_scenes
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun, training
@@ -76,7 +76,7 @@ class RewardModelRun(TrainingRun):
 
     def __init__(
         self,
-        settings: Settings,
+        settings: EnvConfig,
         recipe: RewardModelRecipe,
         out: Path,
         *,

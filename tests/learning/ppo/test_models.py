@@ -20,7 +20,6 @@ from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import WeightsError
 from lilgym_mp.learning.common.states import BoxImageTable, States
-from lilgym_mp.learning.ppo import training
 from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.pretrained import C3, C10, ConvolutionsAndBert, scene_images
@@ -223,36 +222,6 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     played = [evaluate(each.policy(settings), settings, "dev") for each in (agent, again)]
     assert played[0] == played[1]
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
-
-
-def test_cuda_graphs__train_as_without_them(
-    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-):
-    """On CUDA with graphs, elsewhere by the same functions without capturing them."""
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    weights: list[dict[str, torch.Tensor]] = []
-    for use_graphs in (True, False):
-        monkeypatch.setattr(training, "uses_graphs", lambda *_, answer=use_graphs: answer)
-        settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
-        recipe = PPORecipe.of(
-            "TowerScratch",
-            "paper",
-            model="c3-bert",
-            stop_forcing=True,
-            reduced_precision=False,
-            envs=4,
-            rollout=16,
-            batch_size=8,
-            epochs=2,
-            held_out=0.0,
-            patience=0,
-        )
-        train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
-        weights.append(load_file(out / "agent.safetensors"))
-        (group,) = torch.load(out / "checkpoint.pt")["optimiser"]["param_groups"]
-        assert (type(group["lr"]), group["capturable"]) == (float, False)  # any device can continue
-    for name, tensor in weights[0].items():
-        torch.testing.assert_close(tensor, weights[1][name], atol=1e-5, rtol=1e-4)
 
 
 @pytest.mark.parametrize("capability", ["AVX2", "AVX512"])
