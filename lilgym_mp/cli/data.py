@@ -11,7 +11,7 @@ from typing import Any
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
-from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
+from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_out, add_seed, check_at_least
 from lilgym_mp.corpus import check_corpus, load_all_tasks
 from lilgym_mp.corpus.generator.pairs import TEMPLATES, templates_of
 from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_path, is_split
@@ -86,8 +86,7 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
     files = {split: "lists to write (.split.json[.gz])", export: "file to write (.jsonl[.gz])"}
     for parser in (generate, synthesize, permute, export, split):
         written = files.get(parser, "corpus file to write (.jsonl[.gz])")
-        parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=written)
-        parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
+        add_out(parser, written, required=True)
         _add_several(parser, "appearances", APPEARANCES)
         if parser is not split:
             _add_several(parser, "split", SPLITS)

@@ -19,9 +19,7 @@ from lilgym_mp.evaluation.game_partners import (
     GUIDE,
     TARGET_ONLY,
     ChangedMessages,
-    can_guide,
-    scripted_proposers,
-    scripted_verifiers,
+    scripted_partners,
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
@@ -162,11 +160,9 @@ def _pairs(
     Raises ValueError for an agent that cannot play the game.
     """
     sides: list[list[Player]] = []
-    dynamics, left_out = settings.dynamics(), () if can_guide(settings) else (GUIDE, BUILDER)
-    for role, scripted in zip(Role, (scripted_proposers(dynamics), scripted_verifiers(dynamics)), strict=True):
+    for role, scripted in scripted_partners(settings).items():
         trained = [(str(path), agent.partner(role, settings, sampled=sampled)) for path, agent in agents.items()]
-        sides.append([(name, partner) for name, partner in trained if partner is not None])
-        sides[-1] += [(name, partner) for name, partner in scripted.items() if name not in left_out]
+        sides.append([*((name, partner) for name, partner in trained if partner is not None), *scripted.items()])
     runs = {str(path) for path in agents}
     pairs = product(sides[0], sides[1])
     return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]

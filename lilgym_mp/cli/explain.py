@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.cli.options import (
     CommandError,
     add_device,
+    add_flag,
     add_settings,
     check_at_least,
     given_environment,
@@ -75,9 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="parse every statement of a text file, one a line, or of the column sentence or statement of a CSV file;"
         " needs --json",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="with --file: print words, corrections and candidate programs as JSON"
-    )
+    add_flag(parser, "--json", "with --file: print words, corrections and candidate programs as JSON")
     program = parser.add_argument_group("programs")
     program.add_argument(
         "--program",

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli import options
-from lilgym_mp.cli.options import CommandError, given_options
+from lilgym_mp.cli.options import CommandError, add_flag, given_options
 from lilgym_mp.envs.config import COARSE_GRID_HELP, EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress
@@ -26,13 +26,13 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
         options.add_configuration(parser, nargs="?")
     default = learner.directory.format(learner=name, configuration="CONFIGURATION")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {options.RUNS}/{default})")
-    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
+    add_flag(parser, "--resume", "continue the run in that directory")
     options.add_fields(parser, learner.options.settings())
     options.add_device(parser)
-    parser.add_argument(
+    add_flag(
+        parser,
         "--tensorboard",
-        action="store_true",
-        help="also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
+        "also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
     )
     if learner.config is not None:
         options.add_settings(parser, learner.config, {"grid": COARSE_GRID_HELP})

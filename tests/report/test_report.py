@@ -29,8 +29,8 @@ from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, 
 from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
-from lilgym_mp.contrib.report.report_data import PlayedElsewhere, load_report_data
-from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
+from lilgym_mp.contrib.report.report_data import load_report_data
+from lilgym_mp.contrib.report.results import paired_tests, summary
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
@@ -162,16 +162,6 @@ def test_summary__is_three_sentences_on_the_best_trained_agent(tmp_path: Path):
     assert re.fullmatch(r"\S.* solves .* on dev\.", first)
     assert second.startswith(("The second of", "No other"))
     assert re.search(r"fails [\d,]+ times, \d+ % of them by: .*\.|never fails\.", third)
-
-
-def test_table_2__has_rows_of_games_and_language_models(tmp_path: Path):
-    write_example(tmp_path)
-    data = load_report_data([tmp_path])
-    place = data.entries[0].configuration, data.entries[0].split
-    row = PlayedElsewhere("proposer and verifier", "rewards", "greedy", 3, {place: certain(50.0)})
-    (made,) = table_2(replace(data, elsewhere=(row,)))
-    (shown,) = (cells for cells in made.texts() if cells[0] == "proposer and verifier ‡")
-    assert any(cell.startswith("50") for cell in shown)
 
 
 def test_failures__link_to_play_and_watch(tmp_path: Path):

@@ -54,7 +54,7 @@ class Player:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the invalid setting."""
-        Asking(self.agent, self.retries, self.history)
+        self._asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
         env = self.settings.make(self.split)
         self.env = TextObservation(
             env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
@@ -87,7 +87,7 @@ class Player:
         total, ended, outcome = 0.0, False, ""
         while not ended:
             messages.append({"role": "user", "content": content_of(text, info.get(IMAGES, []))})
-            action = self._choose_action(messages, turns)
+            action = self._asking.choose(messages, turns, self._named)
             if action is None:
                 outcome, ended = str(turns[-1].problem), True
                 total += self.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
@@ -112,11 +112,6 @@ class Player:
 
     def _state(self) -> State:
         return self.env.get_wrapper_attr("state")
-
-    def _choose_action(self, messages: list[Message], turns: list[Turn]) -> int | None:
-        """Asks the agent, up to 1 + `retries` times; extends `messages` and `turns`. None if no answer names one."""
-        asking = Asking(self.agent, self.retries, self.history, self.thoughts, self.system)
-        return asking.choose(messages, turns, self._named)
 
     def _named(self, reply: str) -> tuple[str, int] | None:
         parsed = self.env.parse_action(reply)

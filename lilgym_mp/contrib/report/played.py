@@ -14,7 +14,7 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import datasets
 from lilgym_mp.evaluation.episode_files import Header, Recording
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
-from lilgym_mp.evaluation.files import EpisodesError
+from lilgym_mp.evaluation.files import EpisodesError, read_lines
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
 
@@ -37,12 +37,12 @@ def conversations(directory: Path) -> Recording:
         given = summary["settings"]
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
         split, option = given["split"], dict(given["option"])
-        *lines, _ = (directory / TRANSCRIPTS).read_text(encoding="utf-8").split("\n")  # the last may be cut
-        records = [json.loads(line) for line in lines if line]
         tasks = settings.tasks(split)
         if given["tasks_sha256"] != tasks.provenance.sha256:
             raise ValueError(f"was played with other tasks than those of {tasks.provenance}")
-        episodes = [_episode(record, settings, split) for record in records if "error" not in record]
+        episodes = [
+            _episode(record, settings, split) for record in read_lines(directory / TRANSCRIPTS) if "error" not in record
+        ]
         label = " ".join(filter(None, [str(given["agent"]), str(option.get("model") or option.get("directory") or "")]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise EpisodesError(f"{directory}: no run of `llm play` that can be read: {_reason(error)}") from None

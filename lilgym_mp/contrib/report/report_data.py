@@ -10,7 +10,6 @@ from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
@@ -66,23 +65,11 @@ class TrainingCurve:
 
 
 @dataclass(frozen=True)
-class PlayedElsewhere:
-    """A row of Table 2 that has no recordings: both agents of a game run, or a language model."""
-
-    agent: str
-    supervision: str
-    actions: str
-    runs: int
-    accuracies: Mapping[tuple[str, str], MeanStd]  # by configuration and split, in percent
-
-
-@dataclass(frozen=True)
 class ReportData:
     """Everything that a report is made from."""
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    elsewhere: tuple[PlayedElsewhere, ...] = ()
 
     @property
     def header(self) -> Header:
@@ -136,6 +123,10 @@ class ReportData:
         place = configuration, split or self.main_split
         return [entry for entry in self.results if (entry.configuration, entry.split) == place]
 
+    def of_agent(self, agent: str) -> list[AgentResults]:
+        """The agent's results on the main split."""
+        return [entry for entry in self.results if (entry.agent, entry.split) == (agent, self.main_split)]
+
     def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
         """The agent's results, by default on the main split."""
         return next((entry for entry in self.of(configuration, split) if entry.agent == agent), None)
@@ -156,9 +147,8 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
             " record some with: lilgym-mp evaluate RUN --record DIR"
         )
     recordings: list[Recording] = []
-    for recording in chain.from_iterable(
-        map(_recordings, files)
-    ):  # a deterministic policy may have been recorded twice
+    for recording in chain.from_iterable(map(_recordings, files)):
+        # A deterministic policy may have been recorded twice.
         if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
             recordings.append(recording)
     _check_comparable(recordings)

@@ -34,12 +34,11 @@ NOVELTY = ("statement seen", "form seen", "new")
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
 EDITS = (*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more")
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
-ELSEWHERE = "‡"  # ends the name of an agent without recordings
 BASIS = "Runs behind the numbers"
 PAPER_NOTE = (
     f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Supervision is"
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
-    f" corpus: no mask. Rows marked {ELSEWHERE} were not recorded: games and language models."
+    " corpus: no mask."
 )
 
 
@@ -49,15 +48,16 @@ def summary(data: ReportData) -> list[str]:
     ranks = sorted(trained, key=lambda agent: -_mean_accuracy(data, agent))
     best = ranks[0]
     parts = [
-        f"{_percent(entry)} of {entry.configuration} (n = {entry.header.start_scenes:,})" for entry in _of(data, best)
+        f"{_percent(entry)} of {entry.configuration} (n = {entry.header.start_scenes:,})"
+        for entry in data.of_agent(best)
     ]
     sentences = [f"{best} solves {', '.join(parts)} on {data.main_split}."]
     if len(ranks) > 1:
-        others = (f"{_percent(entry)} of {entry.configuration}" for entry in _of(data, ranks[1]))
+        others = (f"{_percent(entry)} of {entry.configuration}" for entry in data.of_agent(ranks[1]))
         sentences.append(f"The second of {len(ranks)} trained agents, {ranks[1]}, solves {', '.join(others)}.")
     else:
         sentences.append("No other trained agent was recorded.")
-    episodes = [episode for entry in _of(data, best) for run in entry.runs for episode in run.episodes]
+    episodes = [episode for entry in data.of_agent(best) for run in entry.runs for episode in run.episodes]
     failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
     if failed:
         outcome, count = failed.most_common(1)[0]
@@ -68,14 +68,8 @@ def summary(data: ReportData) -> list[str]:
     return sentences
 
 
-def _of(data: ReportData, agent: str) -> list[AgentResults]:
-    """The agent's results on the main split."""
-    found = (data.find(agent, configuration) for configuration in data.configurations)
-    return [entry for entry in found if entry is not None]
-
-
 def _mean_accuracy(data: ReportData, agent: str) -> float:
-    means = [found.mean for entry in _of(data, agent) if (found := accuracy_where(entry.runs)) is not None]
+    means = [found.mean for entry in data.of_agent(agent) if (found := accuracy_where(entry.runs)) is not None]
     return sum(means) / len(means) if means else 0.0
 
 
@@ -97,9 +91,6 @@ def table_2(data: ReportData) -> Iterator[Item]:
         runs = max(len(entry.runs) for entry in found if entry is not None)
         accuracies = [entry and accuracy_where(entry.runs) for entry in found]
         rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
-    for other in data.elsewhere:
-        cells = [other.accuracies.get(place) for place in played]
-        rows.append([f"{other.agent} {ELSEWHERE}", other.supervision, other.actions, other.runs, *cells])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)

@@ -11,7 +11,8 @@ from itertools import islice
 
 from lilgym_mp.contrib.rlvr.checked_scenes import is_checkable
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
-from lilgym_mp.corpus.generator import LEVELS, TrainingPair, split_of, statements
+from lilgym_mp.corpus.generator import TrainingPair, split_of, statements
+from lilgym_mp.corpus.generator.pairs import check_level
 from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.scene_sampling import sampler_of
@@ -57,8 +58,7 @@ def rows(
     choose("kind", kind, dict.fromkeys(KINDS))
     choose("appearance", appearance, APPEARANCES)
     choose("split", split, SPLITS)
-    if level not in LEVELS:
-        raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+    check_level(level)
     horizon = dynamics_of(appearance).horizon
     most = horizon if max_actions is None else max_actions
     if not 2 <= min_actions <= most <= horizon:

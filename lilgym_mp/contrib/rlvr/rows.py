@@ -124,12 +124,16 @@ def solver_of(appearance: str) -> Solver:
     return Solver(dynamics, Solver(dynamics).budget // BUDGET_SHARE)
 
 
+def right_answer(row: Row) -> bool:
+    """The answer to a truth or verify row."""
+    task = row.task
+    return task.truth(task.start) if row.kind == "truth" else task.solved_by(task.start)
+
+
 def expert_reply(row: Row) -> str:
     """A right reply."""
-    if row.kind == "truth":
-        return str(row.task.truth(row.task.start)).lower()
-    if row.kind == "verify":
-        return str(row.task.solved_by(row.task.start)).lower()
+    if row.kind in ("truth", "verify"):
+        return str(right_answer(row)).lower()
     if row.kind == "program":
         return row.task.program
     solver = solver_of(row.appearance)
