@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.options import CommandError, given_environment
+from lilgym_mp.cli.options import JSON, CommandError, given_environment
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import fresh_file, write_json
@@ -55,7 +55,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
         (settings, actions, _pairs(settings, agents, all_pairs=args.cross_play, sampled=actions == SAMPLED))
         for settings, actions in product(_games(args, agents), args.actions or [GREEDY])
     ]
-    results: list[dict[str, Any]] = []
+    results: list[JSON] = []
     tables: list[str] = []
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
@@ -105,7 +105,7 @@ def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
     return f"trained with other {' and '.join(differing)}" if differing else ""
 
 
-def _write_csv(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
+def _write_csv(path: Path, results: Sequence[JSON]) -> None:
     """One row for each pair; intervals have a column for each end."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = [_flat(result) for result in results]
@@ -114,8 +114,8 @@ def _write_csv(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _flat(result: Mapping[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = {}
+def _flat(result: JSON) -> JSON:
+    row: JSON = {}
     for name, value in result.items():
         if name.endswith("_interval"):
             row[f"{name}_low"], row[f"{name}_high"] = value or (None, None)
@@ -174,7 +174,7 @@ def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
     return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
-def row_of(result: Mapping[str, Any]) -> dict[str, str]:
+def row_of(result: JSON) -> dict[str, str]:
     """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
     true, false = (

@@ -16,9 +16,10 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.cli.options import (
+    JSON,
     CommandError,
     add_device,
     add_flag,
@@ -144,7 +145,7 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
     return 0
 
 
-def _parse_json(parse: Parse) -> dict[str, Any]:
+def _parse_json(parse: Parse) -> JSON:
     return {
         "words": parse.words[1:],
         "corrections": parse.corrections,
@@ -156,7 +157,7 @@ def _parse_json(parse: Parse) -> dict[str, Any]:
     }
 
 
-def _sentences(path: Path) -> Iterator[tuple[dict[str, Any], str]]:
+def _sentences(path: Path) -> Iterator[tuple[JSON, str]]:
     """The statements with their lines, blank ones too; of a CSV file with their ids. Raises CommandError."""
     content, _ = read_text(path)
     if path.suffix.lower() != ".csv":

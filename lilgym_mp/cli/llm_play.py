@@ -7,11 +7,10 @@ answers. Prints every episode's outcome and a summary; an episode whose calls fa
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,7 @@ from lilgym_mp.cli.llm_runs import (
     stored_settings,
 )
 from lilgym_mp.cli.options import (
+    JSON,
     RUNS,
     CommandError,
     add_configuration,
@@ -41,7 +41,7 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation.files import fresh_file, json_line, numbered, read_lines, write_json, write_lines
+from lilgym_mp.evaluation.files import fresh_file, json_line, numbered, read_json, read_lines, write_json, write_lines
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _continued(base: Path, settings: Mapping[str, Any], chosen: Sequence[str], args: argparse.Namespace) -> Path:
+def _continued(base: Path, settings: JSON, chosen: Sequence[str], args: argparse.Namespace) -> Path:
     """The directory: that of the unfinished run with these settings, which is resumed, or the next free one.
 
     Raises CommandError if the run is finished, or was begun with tasks that were edited since.
@@ -179,7 +179,7 @@ def _play(
     task_ids: Sequence[str],
     done: list[Episode],
     settings: Any,
-    agent_options: Mapping[str, Any],
+    agent_options: JSON,
 ) -> tuple[list[Episode], list[Failure]]:
     """Plays the episodes that are not done; prints each and adds it to the transcripts as it ends.
 
@@ -224,12 +224,12 @@ def _play(
     return [kept[task] for task in task_ids if task in kept], failures
 
 
-def _stored(out: Path) -> tuple[dict[str, Any], list[Episode]]:
+def _stored(out: Path) -> tuple[JSON, list[Episode]]:
     """The settings and the episodes in a directory, without those that failed. Raises CommandError."""
     from lilgym_mp.contrib.llm import Episode
 
     try:
-        before = json.loads((out / SUMMARY).read_text(encoding="utf-8"))["settings"]
+        before = read_json(out / SUMMARY)["settings"]
         episodes = [Episode.from_json(each) for each in read_lines(out / TRANSCRIPTS) if "error" not in each]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CommandError(f"{out}: no run to resume ({type(error).__name__}: {error})") from None
@@ -244,7 +244,7 @@ def _price(text: str) -> float:
     return price
 
 
-def _print_summary(summary: dict[str, Any]) -> None:
+def _print_summary(summary: JSON) -> None:
     interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success      {summary['success']:.1%} ({summary['successes']} of {summary['episodes']}; {interval})")
     print(f"progression  {summary['progression']:.3f} ± {summary['progression_deviation']:.3f}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -20,8 +19,8 @@ from lilgym_mp.cli.llm_runs import (
     read_agent_options,
     stored_settings,
 )
-from lilgym_mp.cli.options import CommandError, add_number, check_at_least, given_environment
-from lilgym_mp.evaluation.files import fresh_file, json_line, read_lines, write_json, write_lines
+from lilgym_mp.cli.options import JSON, CommandError, add_number, check_at_least, given_environment
+from lilgym_mp.evaluation.files import fresh_file, json_line, read_json, read_lines, write_json, write_lines
 from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.grouping import grouped
@@ -74,7 +73,7 @@ def is_asked(args: argparse.Namespace) -> bool:
     return args.protocol is not None
 
 
-def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: Mapping[str, Any]) -> int:
+def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> int:
     """Plays games with a language model, and prints and writes a table of all pairs of players."""
     from lilgym_mp.cli.evaluate_game import LEGEND, row_of
     from lilgym_mp.contrib.llm.summary import calls
@@ -102,8 +101,8 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: Mapping[s
     answered = _answered(args, settings)
     recalled = grouped(((each["proposer"], each["verifier"], each["role"]), each) for each in answered)
     chosen = drawn(env.tasks, args.episodes, args.seed)
-    results: list[dict[str, Any]] = []
-    games: list[dict[str, Any]] = []
+    results: list[JSON] = []
+    games: list[JSON] = []
     turns: list[Turn] = []
     with (args.out / TURNS).open("a", encoding="utf-8") as file, Progress(len(pairs), "pairs", prints=False) as bar:
         for pair in pairs:
@@ -141,7 +140,7 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: Mapping[s
     return 0
 
 
-def _measured(records: Sequence[GameRecord], errors: Mapping[str, str]) -> dict[str, Any]:
+def _measured(records: Sequence[GameRecord], errors: Mapping[str, str]) -> JSON:
     """Measures of the games that did not fail. Raises CommandError if all did."""
     from lilgym_mp.contrib.llm.game_player import INVALID
     from lilgym_mp.contrib.llm.summary import PROBLEMS
@@ -158,7 +157,7 @@ def _measured(records: Sequence[GameRecord], errors: Mapping[str, str]) -> dict[
     return {**success, "outcomes": dict(sorted(outcomes.items())), **measures}
 
 
-def _answered(args: argparse.Namespace, settings: Mapping[str, Any]) -> list[Any]:
+def _answered(args: argparse.Namespace, settings: JSON) -> list[Any]:
     """The answers of an unfinished run in the directory, whose settings must be the same.
 
     Raises CommandError for a finished run, and for another one's directory.
@@ -166,7 +165,7 @@ def _answered(args: argparse.Namespace, settings: Mapping[str, Any]) -> list[Any
     summary, turns = args.out / SUMMARY, args.out / TURNS
     known: list[Any] = []
     if summary.exists() and not args.force:
-        before = json.loads(summary.read_text(encoding="utf-8"))
+        before = read_json(summary)
         check_settings(args.out, before.get("settings", {}), settings)
         if "results" in before and not before["failed_games"]:
             raise CommandError(f"{args.out} has this run; --out DIR plays it again, --force overwrites it")

@@ -7,12 +7,12 @@ import hashlib
 import json
 import random
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.cli.options import RUNS, CommandError
+from lilgym_mp.cli.options import JSON, RUNS, CommandError
 from lilgym_mp.corpus.records import unique_keys
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene.grouping import grouped
@@ -40,12 +40,12 @@ def drawn(tasks: TaskSet, count: int | None, seed: int) -> list[str]:
     return sorted(order[:count], key=tasks.index_of)
 
 
-def read_agent_options(options: Sequence[str]) -> dict[str, Any]:
+def read_agent_options(options: Sequence[str]) -> JSON:
     """The parsed --option: values are read as JSON if they are, "none" as null, otherwise as text.
 
     Raises CommandError, without showing values.
     """
-    parsed: dict[str, Any] = {}
+    parsed: JSON = {}
     for number, text in enumerate(options, 1):
         key, sign, value = text.partition("=")
         if not sign or not key.isidentifier():
@@ -77,7 +77,7 @@ def _value(key: str, text: str) -> Any:
     return value
 
 
-def stored_settings(args: argparse.Namespace, names: Sequence[str], tasks_sha256: str | None) -> dict[str, Any]:
+def stored_settings(args: argparse.Namespace, names: Sequence[str], tasks_sha256: str | None) -> JSON:
     """The options of these names, those of the agent, without secrets, and the checksum of the tasks."""
     from lilgym_mp.wrappers.replies import THOUGHTS
 
@@ -91,7 +91,7 @@ def stored_settings(args: argparse.Namespace, names: Sequence[str], tasks_sha256
     }
 
 
-def check_settings(out: Path, before: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+def check_settings(out: Path, before: JSON, settings: JSON) -> None:
     """Raises CommandError naming the first setting that differs, with both values."""
     for name, value in settings.items():
         if before.get(name) != value:
@@ -117,7 +117,7 @@ def _digest(value: object) -> str:
     return f"sha256:{hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]}"
 
 
-def print_calls(summary: Mapping[str, Any]) -> None:
+def print_calls(summary: JSON) -> None:
     """The answers and their cost, of `llm.summary.calls`."""
     tokens = ""
     if summary["prompt_tokens"] is not None and summary["completion_tokens"] is not None:

@@ -13,9 +13,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from math import comb
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lilgym_mp.cli.options import CommandError, add_out, add_thoughts, check_out
+from lilgym_mp.cli.options import JSON, CommandError, add_out, add_thoughts, check_out
 from lilgym_mp.corpus.records import parse_object, read_text
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.scene.grouping import grouped
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_out(args)
     rows = _rows(args.prompts)
-    scores: list[dict[str, Any]] = []
+    scores: list[JSON] = []
     for row, record in _replies(args.answers, args.prompts, rows):
         found = score(
             record["reply"], row, thoughts=args.thoughts or THOUGHTS, finish_reason=record.get("finish_reason")
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def summarised(scores: Sequence[Mapping[str, Any]], statements: Mapping[str, str]) -> dict[str, Any]:
+def summarised(scores: Sequence[JSON], statements: Mapping[str, str]) -> JSON:
     """Means over prompts, each of which has one score or more; pass@k up to the least number of samples.
 
     `statements`: by the prompts' ids; they are resampled for the interval.
@@ -120,7 +120,7 @@ def _rows(path: Path) -> dict[str, Row]:
     return rows
 
 
-def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
+def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, JSON]]:
     """The rows with their replies, without repetitions. Raises CommandError."""
     known: dict[str, tuple[str, str]] = {}  # place and reply, as JSON, of each
     for place, record in _records(path):
@@ -140,7 +140,7 @@ def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tup
             yield row, record
 
 
-def _records(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _records(path: Path) -> Iterator[tuple[str, JSON]]:
     """The JSON object on each non-empty line, with its place. Raises CommandError."""
     for number, line in enumerate(read_text(path)[0].split("\n"), 1):
         if line.strip():

@@ -22,6 +22,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.scene.choices import flag_name
 
+JSON = dict[str, Any]  # an object
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named

@@ -10,9 +10,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import mean, median
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lilgym_mp.cli.options import (
+    JSON,
     CommandError,
     add_configuration,
     add_flag,
@@ -88,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     if args.show:
         raise CommandError("--show needs --task ID")
     summaries: dict[str, Summary] = {}
-    records: list[dict[str, Any]] = []
+    records: list[JSON] = []
     unsolved: list[str] = []
     for settings in chosen:
         for split in args.split or [split_of(settings, None)]:
@@ -190,7 +191,7 @@ def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
     return [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
 
 
-def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:
+def report_json(report: TaskReport, dynamics: Dynamics) -> JSON:
     """One task's report as JSON, with actions as indices."""
     task, solution, seconds = report
     return {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Callable
 from functools import cache, partial
@@ -14,6 +13,7 @@ from lilgym_mp.cli import options
 from lilgym_mp.cli.options import CommandError, add_flag, given_options
 from lilgym_mp.envs.config import COARSE_GRID_HELP, EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.evaluation.files import read_lines
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
@@ -114,8 +114,8 @@ def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
 
 def _next_step(directory: Path, unit: str) -> int:
     """The first step that a resumed run has not reported; progress.jsonl also has the line that is being reported."""
-    kept = (directory / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[:-1]
-    return json.loads(kept[-1])[unit] + 1 if kept else 0
+    kept = read_lines(directory / PROGRESS_FILE)[:-1]
+    return kept[-1][unit] + 1 if kept else 0
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:

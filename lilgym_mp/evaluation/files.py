@@ -97,6 +97,11 @@ def write_json(path: Path, data: Any) -> None:
     write_text(path, json.dumps(data, ensure_ascii=False, indent=1) + "\n")
 
 
+def read_json(path: Path) -> Any:
+    """What a JSON file contains. Raises OSError, ValueError."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
 def json_line(data: Any) -> str:
     """A line of a file of JSON lines."""
     return json.dumps(data, ensure_ascii=False, default=list) + "\n"

@@ -6,8 +6,9 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, cast
 
 from lilgym_mp.contrib.llm.agents import (
@@ -113,20 +114,18 @@ class OpenAIAgent:
 def read_completion(body: bytes) -> Answer:
     """The answer in the body of a chat completion. Raises ServerError, with the server's words, for another body."""
     text = body.decode(errors="replace")
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
-        data = None
-    completion = cast("dict[str, Any]", data if isinstance(data, dict) else {})
+    completion: Message = {}
+    with suppress(ValueError, TypeError, RecursionError):
+        completion = dict(json.loads(text))
     _refuse_error(completion)
-    choices = completion.get("choices")
-    choice = choices[0] if isinstance(choices, list) and choices else None
-    message = choice.get("message") if isinstance(choice, dict) else None
-    if not isinstance(choice, dict) or not isinstance(message, dict):
-        raise ServerError(f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}")
-    _refuse_error(cast("dict[str, Any]", choice))
-    said = cast("dict[str, Any]", message)
-    reason = cast("dict[str, Any]", choice).get("finish_reason")
+    try:
+        choice: Message = completion["choices"][0]
+        said: Message = dict(choice["message"])
+    except (LookupError, TypeError, ValueError):
+        reason = f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}"
+        raise ServerError(reason) from None
+    _refuse_error(choice)
+    reason = choice.get("finish_reason")
     problem = unusual_end(reason)
     if problem == FAILED:
         raise ServerError(f"the answer ended with finish_reason {reason!r:.80}")
@@ -141,13 +140,13 @@ def read_completion(body: bytes) -> Answer:
     return Answer(answer, read, written, reasoning=reasoning, problem=problem)
 
 
-def _refuse_error(data: Mapping[str, Any]) -> None:
+def _refuse_error(data: Message) -> None:
     """Raises ServerError for an error that a server reports with a status of success."""
     error = data.get("error")
     if error:
         words = json.dumps(error, ensure_ascii=False) if isinstance(error, dict | list) else str(error)
         lowered = words.lower()
-        code = cast("dict[str, Any]", error).get("code") if isinstance(error, dict) else None
+        code = cast("Message", error).get("code") if isinstance(error, dict) else None
         is_busy = str(code) in ("429", "500", "502", "503", "529") or any(
             sign in lowered for sign in ("rate limit", "rate_limit", "too many requests", "overloaded")
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import datasets
 from lilgym_mp.evaluation.episode_files import Header, Recording
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
-from lilgym_mp.evaluation.files import EpisodesError, read_lines
+from lilgym_mp.evaluation.files import EpisodesError, read_json, read_lines
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
 
@@ -33,7 +32,7 @@ def conversations(directory: Path) -> Recording:
     An episode that ended with an answer without an action has its outcome, such as "cut", and the actions before.
     """
     try:
-        summary = json.loads((directory / SUMMARY).read_text(encoding="utf-8"))
+        summary = read_json(directory / SUMMARY)
         given = summary["settings"]
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
         split, option = given["split"], dict(given["option"])
