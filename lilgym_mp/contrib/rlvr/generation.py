@@ -21,7 +21,6 @@ from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 STARTS = 4  # plan rows of a statement and target besides those of one edit
@@ -56,7 +55,6 @@ def rows(
     iterating, if there are no such starts, and TimeoutError.
     """
     choose("kind", kind, dict.fromkeys(KINDS))
-    choose("appearance", appearance, APPEARANCES)
     choose("split", split, SPLITS)
     check_level(level)
     horizon = dynamics_of(appearance).horizon

@@ -20,7 +20,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import SceneError
 from lilgym_mp.scene.actions import describe
-from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, shown_lines
@@ -94,7 +94,6 @@ class Row:
         try:
             kind, appearance, told = (cast("Any", record.get(name)) for name in ("kind", "appearance", "task"))
             choose("kind", kind, _PROMPTS)
-            choose("appearance", appearance, APPEARANCES)
             if isinstance(told, Mapping):
                 fields = cast("Mapping[str, Any]", told)
                 told = {**fields, "start": json.loads(fields.get("start", "null"))}
