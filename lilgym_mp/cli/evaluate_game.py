@@ -60,7 +60,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
             env = BaseGameEnv(**vars(settings))
-            rows: list[dict[str, str]] = []
+            first = len(results)
             for (proposer, proposing), (verifier, judging) in pairs:
                 if args.messages:
                     proposing, judging = (ChangedMessages(each, args.messages) for each in (proposing, judging))
@@ -80,14 +80,13 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
                     **measures,
                 }
                 results.append(result)
-                rows.append(row_of(result))
                 progress.advance()
             changed = f", messages {args.messages}" if args.messages else ""
             tables.append(
                 f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}, {actions}"
                 f" actions{changed}\n"
             )
-            tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
+            tables.append(games_table(results[first:]))
     print("", *tables, LEGEND, sep="\n")
     if args.out is not None and table_file is not None:
         write_json(args.out, {"results": results})
@@ -174,7 +173,13 @@ def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
     return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
-def row_of(result: JSON) -> dict[str, str]:
+def games_table(results: Sequence[JSON]) -> str:
+    """The results of pairs of players as a table."""
+    rows = list(map(_row, results))
+    return table(list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _row(result: JSON) -> dict[str, str]:
     """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
     true, false = (

@@ -21,7 +21,7 @@ from lilgym_mp.cli.llm_runs import (
 )
 from lilgym_mp.cli.options import JSON, CommandError, add_number, check_at_least, given_environment
 from lilgym_mp.evaluation.files import fresh_file, json_line, read_json, read_lines, write_json, write_lines
-from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.grouping import grouped
 
@@ -75,7 +75,7 @@ def is_asked(args: argparse.Namespace) -> bool:
 
 def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> int:
     """Plays games with a language model, and prints and writes a table of all pairs of players."""
-    from lilgym_mp.cli.evaluate_game import LEGEND, row_of
+    from lilgym_mp.cli.evaluate_game import LEGEND, games_table
     from lilgym_mp.contrib.llm.summary import calls
     from lilgym_mp.envs.proposer_verifier import GameSettings, play_games
     from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
@@ -124,11 +124,10 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
                 games.append({**pair, **fields, "messages": told})
             turns += [turn for each in talking.values() for asked in each.turns.values() for turn in asked]
             bar.advance()
-    rows = [row_of(result) for result in results]
     print(
         f"{args.configuration}, {args.protocol}, views {args.views or FULL}, {args.split}, {len(chosen)} games each\n"
     )
-    print(table(list(rows[0]), [list(row.values()) for row in rows]), LEGEND, sep="\n")
+    print(games_table(results), LEGEND, sep="\n")
     failed = sum(result["outcomes"].get(FAILED, 0) for result in results)
     told = calls(turns, failed, args.prices and tuple(args.prices))
     print_calls(told)
