@@ -99,7 +99,9 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
     }
     args.out = args.out or default_directory("llm-game", args.configuration, args.protocol, args.agent, model)
     answered = _answered(args, settings)
-    recalled = grouped(((each["proposer"], each["verifier"], each["role"]), each) for each in answered)
+    recalled: dict[Any, list[Any]] = grouped(
+        ((each["proposer"], each["verifier"], each["role"]), each) for each in answered
+    )
     chosen = drawn(env.tasks, args.episodes, args.seed)
     results: list[JSON] = []
     games: list[JSON] = []
