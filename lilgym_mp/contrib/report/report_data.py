@@ -79,9 +79,13 @@ class ReportData:
     @cached_property
     def agents(self) -> list[str]:
         """Trained agents first, the expert last."""
-        trained = {entry.agent for entry in self.entries if entry.header.run is not None}
         names = dict.fromkeys(entry.agent for entry in self.entries)
-        return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
+        return sorted(names, key=lambda name: (name == EXPERT, name not in self.trained))
+
+    @cached_property
+    def trained(self) -> set[str]:
+        """The agents with a training run."""
+        return {entry.agent for entry in self.entries if entry.header.run is not None}
 
     @cached_property
     def looks(self) -> Looks:

@@ -44,7 +44,7 @@ PAPER_NOTE = (
 
 def summary(data: ReportData) -> list[str]:
     """Three sentences: which trained agent solves most, what comes second, and how the first fails."""
-    trained = {entry.agent for entry in data.entries if entry.header.run is not None} or set(data.agents)
+    trained = data.trained or set(data.agents)
     ranks = sorted(trained, key=lambda agent: -_mean_accuracy(data, agent))
     best = ranks[0]
     parts = [
