@@ -25,7 +25,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.cli.options import CommandError, add_configuration, add_corpus, argument_type
+from lilgym_mp.cli.options import CommandError, add_configuration, add_corpus, add_flag, argument_type
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
@@ -234,7 +234,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--num-envs", nargs="+", type=argument_type(int), default=[64], metavar="N", help="in a batch (default: 64)"
     )
-    parser.add_argument("--quick", action="store_true", help=f"measure less, and by default only {names}")
+    add_flag(parser, "--quick", f"measure less, and by default only {names}")
     add_corpus(parser)
 
 

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
-from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_seed, check_at_least
+from lilgym_mp.cli.options import CORPUS_HELP, CommandError, add_number, add_out, add_seed, check_at_least
 from lilgym_mp.corpus import check_corpus, load_all_tasks
-from lilgym_mp.corpus.generator.pairs import TEMPLATES
+from lilgym_mp.corpus.generator.pairs import TEMPLATES, templates_of
 from lilgym_mp.corpus.locations import DATA_VARIABLE, installed_directory, is_path, is_split
 from lilgym_mp.corpus.matching import with_permuted_boxes
 from lilgym_mp.corpus.official import OfficialFile, download_official, import_official, official_names
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
+from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.splits import RULES, split_lists
 from lilgym_mp.corpus.synthesis import synthesize
 from lilgym_mp.corpus.writing import entry_json, flipit_entries, header_json, task_rows, write_lines
@@ -85,21 +86,20 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
     files = {split: "lists to write (.split.json[.gz])", export: "file to write (.jsonl[.gz])"}
     for parser in (generate, synthesize, permute, export, split):
         written = files.get(parser, "corpus file to write (.jsonl[.gz])")
-        parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=written)
-        parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
-        _add_several(parser, "appearances", TEMPLATES if parser is generate else APPEARANCES)
+        add_out(parser, written, required=True)
+        _add_several(parser, "appearances", APPEARANCES)
         if parser is not split:
             _add_several(parser, "split", SPLITS)
+    generate.set_defaults(appearances=list(TEMPLATES))
 
 
 def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("corpus", nargs="?", default="builtin", metavar="CORPUS", help=CORPUS_HELP)
 
 
-def _add_several(parser: argparse.ArgumentParser, name: str, choices: Iterable[str]) -> None:
-    known = list(choices)
+def _add_several(parser: argparse.ArgumentParser, name: str, choices: Collection[str]) -> None:
     help_text = f"{name.removesuffix('s')}s to include (default: all)"
-    parser.add_argument(f"--{name}", nargs="+", choices=known, default=known, help=help_text)
+    parser.add_argument(f"--{name}", nargs="+", choices=choices, default=list(choices), help=help_text)
 
 
 def _download(args: argparse.Namespace) -> int:
@@ -145,6 +145,9 @@ def _generate(args: argparse.Namespace) -> int:
 
     check_at_least(args, 1, "number")
     check_at_least(args, 0, "seed")
+    for appearance in args.appearances:  # before any statement is made
+        templates_of(appearance)
+        sampler_of(appearance)
     args.corpus = f"generated:{args.level}:{args.seed}"
     spec = CorpusSpec.parse(args.corpus)
     rows = list[Mapping[str, object]]()

@@ -14,17 +14,20 @@ from lilgym_mp import __version__
 from lilgym_mp.cli.options import (
     CommandError,
     add_configuration,
+    add_flag,
+    add_number,
+    add_out,
     add_seed,
     add_settings,
     add_split,
     check_at_least,
+    check_out,
     given_settings,
 )
 from lilgym_mp.cli.solve import add_solving, solve_shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.observation import TokenSpace
 from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
-from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import listed
 
@@ -52,7 +55,7 @@ def add_actions(add: Add) -> None:
         help=f"agent of {MEDIUM} and {MIXED}: a run directory, a model file or a shipped agent (default:"
         " imitation-tower or imitation-scatter)",
     )
-    collect.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
+    add_number(collect, "--episodes", None, "draw N tasks at random (default: each task once)")
     add_seed(collect, "of the tasks and actions")
     _add_output(collect)
     add_solving(collect)
@@ -72,7 +75,7 @@ def add_actions(add: Add) -> None:
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
     options = parser.add_argument_group("data set")
-    options.add_argument("--out", type=Path, metavar="FILE", help=f"file to write: {listed(datasets.WRITERS)}")
+    add_out(options, f"file to write: {listed(datasets.WRITERS)}")
     options.add_argument("--minari", metavar="NAME", help='Minari data set to write, such as "lilgym/tower-expert-v0"')
     options.add_argument(
         "--observation",
@@ -81,11 +84,8 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         help="image; structured: the items; text, for language models; or tokens: image, and statement as token ids"
         " (default: %(default)s)",
     )
-    options.add_argument("--returns-to-go", action="store_true", help="add the sum of rewards from each action on")
-    options.add_argument(
-        "--optimal-actions", action="store_true", help="add the expert's best actions (slow in Scatter)"
-    )
-    options.add_argument("--force", action="store_true", help="overwrite the file named by --out")
+    add_flag(options, "--returns-to-go", "add the sum of rewards from each action on")
+    add_flag(options, "--optimal-actions", "add the expert's best actions (slow in Scatter)")
 
 
 def _collect(args: argparse.Namespace) -> int:
@@ -158,7 +158,7 @@ def _check_output(args: argparse.Namespace) -> None:
         raise CommandError("name an output: --out FILE, --minari NAME, or both")
     if args.out is not None:
         datasets.check_file(args.out)
-        fresh_file(args.out, force=args.force)
+    check_out(args)
     if args.minari is not None:
         datasets.check_minari(args.minari)
 

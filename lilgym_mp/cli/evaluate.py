@@ -23,12 +23,15 @@ from lilgym_mp.cli.options import (
     CONFIGURATIONS_HELP,
     CommandError,
     add_device,
+    add_flag,
     add_number,
+    add_out,
     add_seed,
     add_settings,
     add_split,
     argument_type,
     check_at_least,
+    check_out,
     given_environment,
 )
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
@@ -76,7 +79,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="run directories written by `lilgym-mp train`, model files, names of shipped agents, such as "
         "parse-and-plan, or .zip files of Stable-Baselines3 models with a LilGymPolicy",
     )
-    parser.add_argument("--trust", action="store_true", help="load .zip files without asking: they can run any code")
+    add_flag(parser, "--trust", "load .zip files without asking: they can run any code")
     parser.add_argument(
         "--policy",
         nargs="+",
@@ -104,28 +107,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", type=Path, metavar="DIR", help="record every episode in DIR, for `report` and the /watch page"
     )
-    parser.add_argument(
+    add_flag(
+        parser,
         "--judge-decisions",
-        action="store_true",
-        help="with --record-decisions: ask the expert at each step whether the action taken begins a shortest solution"
+        "with --record-decisions: ask the expert at each step whether the action taken begins a shortest solution"
         " (slow in Scatter)",
     )
-    parser.add_argument(
+    add_flag(
+        parser,
         "--record-decisions",
-        action="store_true",
-        help="with --record: also record the action probabilities, value estimate and legal actions at each step",
+        "with --record: also record the action probabilities, value estimate and legal actions at each step",
     )
-    parser.add_argument(
-        "--optimal", action="store_true", help="with --record: also record the length of the expert's solution"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the results to FILE as JSON")
-    parser.add_argument(
+    add_flag(parser, "--optimal", "with --record: also record the length of the expert's solution")
+    add_out(parser, "write the results to FILE as JSON")
+    add_flag(
+        parser,
         "--parses",
-        action="store_true",
-        help="instead of playing, compare the programs that parse-and-plan agents find with those of the corpus",
+        "instead of playing, compare the programs that parse-and-plan agents find with those of the corpus",
     )
-    parser.add_argument("--alone", action="store_true", help="do not evaluate random policies for comparison")
-    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    add_flag(parser, "--alone", "do not evaluate random policies for comparison")
     game = parser.add_argument_group("two-agent game")
     game.add_argument(
         "--protocol",
@@ -142,7 +142,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     game.add_argument(
         "--messages", choices=MESSAGE_CHANGES, help="replace every message, by silence or at random, as a control"
     )
-    game.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
+    add_flag(game, "--cross-play", "play every proposer with every verifier")
     add_device(parser)
     add_settings(parser)
 
@@ -158,8 +158,7 @@ def run(args: argparse.Namespace) -> int:
     plays_game = bool(args.protocol or args.cross_play)
     if not (args.agents or args.policy or plays_game):
         raise CommandError("name run directories of trained agents, policies with --policy, or a game with --protocol")
-    if args.out is not None:
-        fresh_file(args.out, force=args.force)
+    check_out(args)
     opened = {path: _opened(path, args) for path in args.agents}
     if args.parses:
         return _score_parses(args, opened)

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.cli.options import CommandError, given_environment
+from lilgym_mp.cli.options import JSON, CommandError, given_environment
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import fresh_file, write_json
@@ -19,9 +19,7 @@ from lilgym_mp.evaluation.game_partners import (
     GUIDE,
     TARGET_ONLY,
     ChangedMessages,
-    can_guide,
-    scripted_proposers,
-    scripted_verifiers,
+    scripted_partners,
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
@@ -57,12 +55,12 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
         (settings, actions, _pairs(settings, agents, all_pairs=args.cross_play, sampled=actions == SAMPLED))
         for settings, actions in product(_games(args, agents), args.actions or [GREEDY])
     ]
-    results: list[dict[str, Any]] = []
+    results: list[JSON] = []
     tables: list[str] = []
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
             env = BaseGameEnv(**vars(settings))
-            rows: list[dict[str, str]] = []
+            first = len(results)
             for (proposer, proposing), (verifier, judging) in pairs:
                 if args.messages:
                     proposing, judging = (ChangedMessages(each, args.messages) for each in (proposing, judging))
@@ -82,14 +80,13 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
                     **measures,
                 }
                 results.append(result)
-                rows.append(row_of(result))
                 progress.advance()
             changed = f", messages {args.messages}" if args.messages else ""
             tables.append(
                 f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}, {actions}"
                 f" actions{changed}\n"
             )
-            tables.append(table(list(rows[0]), [list(row.values()) for row in rows]))
+            tables.append(games_table(results[first:]))
     print("", *tables, LEGEND, sep="\n")
     if args.out is not None and table_file is not None:
         write_json(args.out, {"results": results})
@@ -107,7 +104,7 @@ def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
     return f"trained with other {' and '.join(differing)}" if differing else ""
 
 
-def _write_csv(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
+def _write_csv(path: Path, results: Sequence[JSON]) -> None:
     """One row for each pair; intervals have a column for each end."""
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = [_flat(result) for result in results]
@@ -116,8 +113,8 @@ def _write_csv(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _flat(result: Mapping[str, Any]) -> dict[str, Any]:
-    row: dict[str, Any] = {}
+def _flat(result: JSON) -> JSON:
+    row: JSON = {}
     for name, value in result.items():
         if name.endswith("_interval"):
             row[f"{name}_low"], row[f"{name}_high"] = value or (None, None)
@@ -162,11 +159,9 @@ def _pairs(
     Raises ValueError for an agent that cannot play the game.
     """
     sides: list[list[Player]] = []
-    dynamics, left_out = settings.dynamics(), () if can_guide(settings) else (GUIDE, BUILDER)
-    for role, scripted in zip(Role, (scripted_proposers(dynamics), scripted_verifiers(dynamics)), strict=True):
+    for role, scripted in scripted_partners(settings).items():
         trained = [(str(path), agent.partner(role, settings, sampled=sampled)) for path, agent in agents.items()]
-        sides.append([(name, partner) for name, partner in trained if partner is not None])
-        sides[-1] += [(name, partner) for name, partner in scripted.items() if name not in left_out]
+        sides.append([*((name, partner) for name, partner in trained if partner is not None), *scripted.items()])
     runs = {str(path) for path in agents}
     pairs = product(sides[0], sides[1])
     return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]
@@ -178,7 +173,13 @@ def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
     return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
-def row_of(result: Mapping[str, Any]) -> dict[str, str]:
+def games_table(results: Sequence[JSON]) -> str:
+    """The results of pairs of players as a table."""
+    rows = list(map(_row, results))
+    return table(list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _row(result: JSON) -> dict[str, str]:
     """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
     true, false = (

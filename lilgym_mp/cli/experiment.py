@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.cli.options import CommandError, check_at_least
+from lilgym_mp.cli.options import CommandError, add_flag, add_number, check_at_least
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import SUFFIX, write_text
 from lilgym_mp.evaluation.terminal import Progress
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"results directory (default: {RESULTS}/FILE)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="parallel runs (default: 1)")
+    add_number(parser, "--jobs", 1, "parallel runs")
     parser.add_argument(
         "--ray",
         nargs="?",
@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="execute the runs as tasks of the Ray cluster at ADDRESS, such as auto, or of one on this machine;"
         " DIR must be on a file system that all its machines share",
     )
-    parser.add_argument("--list", action="store_true", help="print the commands without running them")
+    add_flag(parser, "--list", "print the commands without running them")
     parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
     parser.add_argument(
         "--split", choices=list(SPLITS), help="train nothing; evaluate the runs in DIR on this split, as a table"
@@ -71,7 +71,13 @@ def run(args: argparse.Namespace) -> int:
     attempts = make_attempts(plan, results, threads)
     if args.ray is not None:
         unfinished = [attempt.planned.name for attempt in attempts if attempt.status is not RunStatus.FINISHED]
-        errors = _execute_on_ray(args, unfinished, results, threads)
+        from lilgym_mp.cli.experiment_ray import execute_on_ray
+
+        errors: dict[str, str] = {}
+        split = ["--split", args.split] if args.split else []
+        for name, error in execute_on_ray(args.ray, unfinished, args.file, results, threads, split):
+            print(f"{name}: {'failed' if error else 'finished'}", flush=True)
+            errors[name] = error
         attempts = make_attempts(plan, results, threads)
         for attempt in attempts:
             attempt.error = errors.get(attempt.planned.name, "")
@@ -87,18 +93,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         _write_table(results / f"{args.split}.md", attempts, args.split)
     return 1 if failed else 0
-
-
-def _execute_on_ray(args: argparse.Namespace, names: Sequence[str], results: Path, threads: int) -> dict[str, str]:
-    """The errors of the runs that failed, by name."""
-    from lilgym_mp.cli.experiment_ray import execute_on_ray
-
-    errors: dict[str, str] = {}
-    split = ["--split", args.split] if args.split else []
-    for name, error in execute_on_ray(args.ray, names, args.file, results, threads, split):
-        print(f"{name}: {'failed' if error else 'finished'}", flush=True)
-        errors |= {name: error} if error else {}
-    return errors
 
 
 @contextmanager

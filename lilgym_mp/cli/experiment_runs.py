@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import shlex
 import shutil
@@ -19,7 +18,7 @@ from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import OUT, PlannedRun
 from lilgym_mp.cli.options import CommandError
-from lilgym_mp.evaluation.files import writable_directory, write_json
+from lilgym_mp.evaluation.files import read_json, read_lines, writable_directory, write_json
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE, RUN_FILE
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
@@ -61,7 +60,7 @@ class Attempt:
         if not self.marker.exists():
             return
         try:
-            saved = json.loads(self.marker.read_text(encoding="utf-8"))
+            saved = read_json(self.marker)
             self.done = list(saved["commands"])
             trained, *_ = self.done
         except (ValueError, KeyError, TypeError) as error:
@@ -95,7 +94,8 @@ class Attempt:
         self.status = RunStatus.TRAINING
         resumed = (self.run / CHECKPOINT_FILE).exists()
         with suppress(OSError, ValueError, KeyError, TypeError):  # training may have ended when this process was dead
-            run, (key, amount) = json.loads((self.run / RUN_FILE).read_text()), self.planned.budget or ("", 0)
+            run = read_json(self.run / RUN_FILE)
+            key, amount = self.planned.budget or ("", 0)
             if run["finished"] and (self.fraction_done == 1 or run["options"][key] == amount):
                 return
         if self.run.exists() and not resumed:
@@ -150,8 +150,7 @@ class Attempt:
             return None
         key, budget = self.planned.budget
         with suppress(OSError, ValueError, IndexError, KeyError, TypeError):
-            last = json.loads((self.run / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[-1])
-            return min(1.0, last[key] / budget)
+            return min(1.0, read_lines(self.run / PROGRESS_FILE)[-1][key] / budget)
         return None
 
 

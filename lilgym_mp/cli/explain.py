@@ -16,11 +16,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.cli.options import (
+    JSON,
     CommandError,
     add_device,
+    add_flag,
     add_settings,
     check_at_least,
     given_environment,
@@ -75,9 +77,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="parse every statement of a text file, one a line, or of the column sentence or statement of a CSV file;"
         " needs --json",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="with --file: print words, corrections and candidate programs as JSON"
-    )
+    add_flag(parser, "--json", "with --file: print words, corrections and candidate programs as JSON")
     program = parser.add_argument_group("programs")
     program.add_argument(
         "--program",
@@ -145,7 +145,7 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
     return 0
 
 
-def _parse_json(parse: Parse) -> dict[str, Any]:
+def _parse_json(parse: Parse) -> JSON:
     return {
         "words": parse.words[1:],
         "corrections": parse.corrections,
@@ -157,7 +157,7 @@ def _parse_json(parse: Parse) -> dict[str, Any]:
     }
 
 
-def _sentences(path: Path) -> Iterator[tuple[dict[str, Any], str]]:
+def _sentences(path: Path) -> Iterator[tuple[JSON, str]]:
     """The statements with their lines, blank ones too; of a CSV file with their ids. Raises CommandError."""
     content, _ = read_text(path)
     if path.suffix.lower() != ".csv":

@@ -6,14 +6,13 @@ Writes generated tasks as JSON lines, each with its prompt and all that scoring 
 from __future__ import annotations
 
 import argparse
-import json
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.cli.options import add_number, add_seed, check_at_least
+from lilgym_mp.cli.options import add_flag, add_number, add_out, add_seed, check_at_least, check_out
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.files import fresh_file, write_atomically
+from lilgym_mp.evaluation.files import json_line, write_atomically
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.appearances import APPEARANCES
 
@@ -25,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
     parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")
     add_number(parser, "--min-actions", 2, "of the shortest plan")
-    parser.add_argument("--max-actions", type=int, metavar="N", help="of the shortest plan (default: the horizon)")
+    add_number(parser, "--max-actions", None, "of the shortest plan (default: the horizon)")
     add_number(parser, "--episodes", 1_000, "number of prompts")
     add_seed(parser, "of the tasks")
     parser.add_argument(
@@ -35,9 +34,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='how all but program prompts show the scene; unless a list, rows have "messages", pictures in base64'
         " (default: %(default)s)",
     )
-    parser.add_argument("--expert-answers", action="store_true", help='add the expert\'s reply as "answer"')
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_flag(parser, "--expert-answers", 'add the expert\'s reply as "answer"')
+    add_out(parser, "JSON lines", required=True)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "episodes")
     lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}
     endless = rows(args.kind, args.appearance, args.level, seed=args.seed, split=args.split, **lengths)
-    fresh_file(args.out, force=args.force)
+    check_out(args)
 
     def write(path: Path) -> None:
         with path.open("w", encoding="utf-8") as file, Progress(args.episodes, "prompts") as progress:
@@ -55,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
                 added: dict[str, Any] = {"answer": expert_reply(row)} if args.expert_answers else {}
                 if args.scene != "list":
                     added["messages"] = messages_of(row, args.scene)
-                file.write(json.dumps({**row.to_json(), **added}, ensure_ascii=False) + "\n")
+                file.write(json_line({**row.to_json(), **added}))
                 progress.advance()
 
     write_atomically(args.out, write)

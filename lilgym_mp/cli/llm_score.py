@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from math import comb
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lilgym_mp.cli.options import CommandError, add_thoughts
+from lilgym_mp.cli.options import JSON, CommandError, add_out, add_thoughts, check_out
 from lilgym_mp.corpus.records import parse_object, read_text
-from lilgym_mp.evaluation.files import fresh_file, write_json
+from lilgym_mp.evaluation.files import write_json
+from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.rlvr import Row
@@ -36,8 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='JSON lines {"id": ..., "reply": ...}, with "sample": N if a prompt has several, and "finish_reason"',
     )
     add_thoughts(parser)
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the summary and every score with its reason")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_out(parser, "write the summary and every score with its reason")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,10 +45,9 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.rlvr import score
     from lilgym_mp.wrappers.replies import THOUGHTS
 
-    if args.out is not None:
-        fresh_file(args.out, force=args.force)
+    check_out(args)
     rows = _rows(args.prompts)
-    scores: list[dict[str, Any]] = []
+    scores: list[JSON] = []
     for row, record in _replies(args.answers, args.prompts, rows):
         found = score(
             record["reply"], row, thoughts=args.thoughts or THOUGHTS, finish_reason=record.get("finish_reason")
@@ -73,27 +72,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def summarised(scores: Sequence[Mapping[str, Any]], statements: Mapping[str, str]) -> dict[str, Any]:
+def summarised(scores: Sequence[JSON], statements: Mapping[str, str]) -> JSON:
     """Means over prompts, each of which has one score or more; pass@k up to the least number of samples.
 
     `statements`: by the prompts' ids; they are resampled for the interval.
     """
     from lilgym_mp.contrib.llm import success_interval
 
-    by_prompt: defaultdict[str, list[Mapping[str, Any]]] = defaultdict(list)
-    for each in scores:
-        by_prompt[each["id"]].append(each)
+    by_prompt = grouped((each["id"], each["outcome"]) for each in scores)
     count = len(by_prompt)
-    answered = [samples for samples in by_prompt.values() if samples[0]["outcome"] != MISSING]
-    right = [(len(samples), sum(each["outcome"] == "success" for each in samples)) for samples in answered]
+    answered = [outcomes for outcomes in by_prompt.values() if outcomes[0] != MISSING]
+    right = [(len(outcomes), outcomes.count("success")) for outcomes in answered]
     least = min(total for total, _ in right)
     ks = sorted({k for k in (1, 2, 4, 8, 16, 32, 64, 128, least) if k <= least}) if least > 1 else []
     successes = sum(good / total for total, good in right)
-    rates = [
-        (statements[name], sum(each["outcome"] == "success" for each in samples) / len(samples))
-        for name, samples in by_prompt.items()
-    ]
-    low, high = success_interval(rates)
+    low, high = success_interval(
+        [(statements[name], outcomes.count("success") / len(outcomes)) for name, outcomes in by_prompt.items()]
+    )
     reasons = Counter(each["details"]["reason"] for each in scores if "reason" in each["details"])
     return {
         "prompts": count,
@@ -125,7 +120,7 @@ def _rows(path: Path) -> dict[str, Row]:
     return rows
 
 
-def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
+def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, JSON]]:
     """The rows with their replies, without repetitions. Raises CommandError."""
     known: dict[str, tuple[str, str]] = {}  # place and reply, as JSON, of each
     for place, record in _records(path):
@@ -145,7 +140,7 @@ def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tup
             yield row, record
 
 
-def _records(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _records(path: Path) -> Iterator[tuple[str, JSON]]:
     """The JSON object on each non-empty line, with its place. Raises CommandError."""
     for number, line in enumerate(read_text(path)[0].split("\n"), 1):
         if line.strip():

@@ -19,8 +19,10 @@ from lilgym_mp.corpus.locations import fixed_name
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig, option_name
 from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.scene.choices import flag_name
 
+JSON = dict[str, Any]  # an object
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named
@@ -131,10 +133,21 @@ def add_split(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def add_number(parser: argparse._ActionsContainer, flag: str, default: float, purpose: str) -> None:
-    """An option of the type of its default."""
-    help_text = f"{purpose} (default: %(default)s)"
-    parser.add_argument(flag, type=argument_type(type(default)), default=default, metavar="N", help=help_text)
+def add_number(parser: argparse._ActionsContainer, flag: str, default: float | None, purpose: str) -> None:
+    """An option of the type of its default, a whole number without one."""
+    kind, ends = (int, "") if default is None else (type(default), " (default: %(default)s)")
+    parser.add_argument(flag, type=argument_type(kind), default=default, metavar="N", help=purpose + ends)
+
+
+def add_flag(parser: argparse._ActionsContainer, flag: str, purpose: str) -> None:
+    """An option without a value, off by default."""
+    parser.add_argument(flag, action="store_true", help=purpose)
+
+
+def add_out(parser: argparse._ActionsContainer, purpose: str, *, required: bool = False) -> None:
+    """--out, a file of results, and --force."""
+    parser.add_argument("--out", type=Path, metavar="FILE", required=required, help=purpose)
+    add_flag(parser, "--force", "overwrite existing files")
 
 
 def add_seed(parser: argparse._ActionsContainer, purpose: str) -> None:
@@ -204,6 +217,12 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
 def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
     """The values of those options that were given."""
     return {name: value for name in names if (value := getattr(args, name)) is not None}
+
+
+def check_out(args: argparse.Namespace) -> None:
+    """Raises OutputError for an --out that cannot be written, before any work."""
+    if args.out is not None:
+        fresh_file(args.out, force=args.force)
 
 
 def check_at_least(args: argparse.Namespace, minimum: int, *names: str) -> None:

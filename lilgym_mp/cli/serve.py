@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.cli.options import RUNS, CommandError, add_corpus
+from lilgym_mp.cli.options import RUNS, CommandError, add_corpus, add_flag, add_number
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="127.0.0.1",
         help="address to listen on (default: %(default)s); other than loopback, visitors need the token",
     )
-    parser.add_argument("--port", type=int, default=PORT, help="port, 0 for any free one (default: %(default)s)")
+    add_number(parser, "--port", PORT, "port, 0 for any free one")
     add_corpus(parser)
     parser.add_argument(
         "--database",
@@ -60,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="name under which a reverse proxy serves the pages; may be given several times",
     )
-    parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    add_flag(parser, "--open", "open the page in a browser")
 
 
 def run(args: argparse.Namespace) -> int:

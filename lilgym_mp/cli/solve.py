@@ -8,16 +8,20 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from statistics import mean, median
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lilgym_mp.cli.options import (
+    JSON,
     CommandError,
     add_configuration,
+    add_flag,
+    add_number,
+    add_out,
     add_settings,
     check_at_least,
+    check_out,
     given_environment,
     split_of,
 )
@@ -25,7 +29,7 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation.files import fresh_file, write_json
+from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe
@@ -61,11 +65,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--split", nargs="+", choices=list(SPLITS), help="splits of the corpus (default: the tasks', else dev)"
     )
-    parser.add_argument("--episodes", type=int, metavar="N", help="only the first N tasks of each split")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite the file named by --out")
+    add_number(parser, "--episodes", None, "only the first N tasks of each split")
+    add_out(parser, "write all solutions to FILE as JSON")
     parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
-    parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
+    add_flag(parser, "--show", "with --task: draw the scene before each action")
     add_solving(parser)
     add_settings(parser)
 
@@ -73,21 +76,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def add_solving(parser: argparse.ArgumentParser) -> None:
     """Options that limit the expert's work."""
     options = parser.add_argument_group("expert")
-    options.add_argument("--budget", type=int, metavar="N", help="search budget: maximum number of scenes per task")
+    add_number(options, "--budget", None, "search budget: maximum number of scenes per task")
 
 
 def run(args: argparse.Namespace) -> int:
     """Solves all tasks of the chosen splits, or those named by --task, and prints what it found."""
     check_at_least(args, 1, "episodes")
-    if args.out is not None:
-        fresh_file(args.out, force=args.force)
+    check_out(args)
     chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or BUILTIN_CONFIGURATIONS]
     if args.task is not None:
         return _run_tasks(chosen, args)
     if args.show:
         raise CommandError("--show needs --task ID")
     summaries: dict[str, Summary] = {}
-    records: list[dict[str, Any]] = []
+    records: list[JSON] = []
     unsolved: list[str] = []
     for settings in chosen:
         for split in args.split or [split_of(settings, None)]:
@@ -189,7 +191,7 @@ def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
     return [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
 
 
-def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:
+def report_json(report: TaskReport, dynamics: Dynamics) -> JSON:
     """One task's report as JSON, with actions as indices."""
     task, solution, seconds = report
     return {

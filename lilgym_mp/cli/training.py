@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Callable
 from functools import cache, partial
@@ -11,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli import options
-from lilgym_mp.cli.options import CommandError, given_options
+from lilgym_mp.cli.options import CommandError, add_flag, given_options
 from lilgym_mp.envs.config import COARSE_GRID_HELP, EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.evaluation.files import read_lines
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
@@ -26,13 +26,13 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
         options.add_configuration(parser, nargs="?")
     default = learner.directory.format(learner=name, configuration="CONFIGURATION")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {options.RUNS}/{default})")
-    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
+    add_flag(parser, "--resume", "continue the run in that directory")
     options.add_fields(parser, learner.options.settings())
     options.add_device(parser)
-    parser.add_argument(
+    add_flag(
+        parser,
         "--tensorboard",
-        action="store_true",
-        help="also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
+        "also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
     )
     if learner.config is not None:
         options.add_settings(parser, learner.config, {"grid": COARSE_GRID_HELP})
@@ -60,6 +60,7 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     options.check_at_least(args, 1, "threads")
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
+    learner.check(settings, recipe)
     unit, total = learner.budget(recipe, own)
     board: Callable[[], Any] | None = None
     if args.tensorboard:
@@ -113,8 +114,8 @@ def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
 
 def _next_step(directory: Path, unit: str) -> int:
     """The first step that a resumed run has not reported; progress.jsonl also has the line that is being reported."""
-    kept = (directory / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[:-1]
-    return json.loads(kept[-1])[unit] + 1 if kept else 0
+    kept = read_lines(directory / PROGRESS_FILE)[:-1]
+    return kept[-1][unit] + 1 if kept else 0
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from pkgutil import resolve_name
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.formats import Configuration, read_corpus_file
@@ -20,9 +19,6 @@ from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
-# Strings like Gymnasium's entry points: most processes do not need these modules.
-RELEASED = "lilgym_mp.corpus.official"
-GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
 
 _LOADING = threading.Lock()
 
@@ -50,14 +46,22 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("appearance", appearance, APPEARANCES)
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
+    # What follows is imported when first needed: most processes load the builtin corpus.
     if is_generated(corpus):
+        from lilgym_mp.corpus.generator import load_generated
+
         with _LOADING:
-            return resolve_name(GENERATED_ENTRY_POINT)(os.fspath(corpus), appearance, start, split)
+            return load_generated(os.fspath(corpus), appearance, start, split)
     if is_split(corpus):
-        return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
+        from lilgym_mp.corpus.splits import load_listed
+
+        return load_listed(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
-        is_released = path.is_dir()
-        file = resolve_name(f"{RELEASED}:released_path")(path, appearance, start, split) if is_released else path
+        file = path
+        if is_released := path.is_dir():
+            from lilgym_mp.corpus.official import released_path
+
+            file = released_path(path, appearance, start, split)
         try:
             status = file.stat()
         except OSError as fault:
@@ -92,7 +96,9 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
     *_, is_released = cache_key
     with note_after(f"loading corpus {corpus}"):
         if is_released:
-            source = resolve_name(f"{RELEASED}:read_released_file")(file, faults)
+            from lilgym_mp.corpus.official import read_released_file
+
+            source = read_released_file(file, faults)
         else:
             source = read_corpus_file(file, faults, configuration)
         provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)

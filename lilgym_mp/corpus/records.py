@@ -44,7 +44,11 @@ def read_text(path: Path) -> tuple[str, str]:
     Raises CorpusError for a file that is missing, unreadable, broken gzip, not UTF-8 or empty.
     """
     data = read_bytes(path)
-    sha256 = hashlib.sha256(data).hexdigest()
+    return decoded(data, path), hashlib.sha256(data).hexdigest()
+
+
+def decoded(data: bytes, path: object) -> str:
+    """The text in the bytes of the file `path`. Raises CorpusError as `read_text`."""
     try:
         text = (gzip.decompress(data) if data.startswith(GZIP_MAGIC) else data).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
@@ -55,7 +59,7 @@ def read_text(path: Path) -> tuple[str, str]:
         raise CorpusError(f"{path}: broken gzip file: {fault}") from None
     if not text.strip():
         raise CorpusError(f"{path}: the file is empty")
-    return text, sha256
+    return text
 
 
 def read_bytes(path: Path) -> bytes:

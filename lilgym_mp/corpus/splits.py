@@ -7,11 +7,9 @@ can be named wherever a corpus can.
 
 from __future__ import annotations
 
-import gzip
 import hashlib
 import json
 import re
-import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +21,7 @@ from pathlib import Path
 from lilgym_mp.corpus.faults import CorpusError, NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.locations import BUILTIN, is_path, is_split
-from lilgym_mp.corpus.records import GZIP_MAGIC, SCRATCH, read_bytes
+from lilgym_mp.corpus.records import SCRATCH, decoded, read_bytes
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.programs import compile_program
@@ -111,11 +109,11 @@ def load_listed(corpus: str, appearance: str, start: str, split: str) -> TaskSet
     """
     contents = _contents(corpus)
     try:
-        lists = json.loads(gzip.decompress(contents) if contents.startswith(GZIP_MAGIC) else contents)
+        lists = json.loads(decoded(contents, corpus))
         base = str(lists["corpus"])
         by = str(lists["by"])
         statements = {key: frozenset(map(str, ids)) for key, ids in lists["statements"].items()}
-    except (OSError, EOFError, zlib.error, ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise CorpusError(f"{corpus}: not a file of lists as `lilgym-mp data split` writes: {error!r}") from None
     if is_split(base):
         raise CorpusError(f"{corpus}: lists of {base}, which is itself a split; split its corpus instead")

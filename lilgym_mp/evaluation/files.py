@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
 from itertools import count
@@ -47,10 +47,10 @@ def _check_name(path: Path) -> None:
         raise OutputError(f"cannot write results to {str(path)!r}: the name is not UTF-8") from None
 
 
-def first_free_path(path: Path) -> Path:
-    """`path`, or the first of path-2, path-3, ... that does not exist."""
-    numbered = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in count(1))
-    return next(candidate for candidate in numbered if not candidate.exists())
+def numbered(path: Path) -> Iterator[Path]:
+    """`path`, path-2, path-3, ... without end."""
+    yield path
+    yield from (path.with_name(f"{path.name}-{number}") for number in count(2))
 
 
 def fresh_file(path: Path, *, force: bool) -> Path:
@@ -95,6 +95,27 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, data: Any) -> None:
     """Writes indented JSON atomically."""
     write_text(path, json.dumps(data, ensure_ascii=False, indent=1) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file contains. Raises OSError, ValueError."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def json_line(data: Any) -> str:
+    """A line of a file of JSON lines."""
+    return json.dumps(data, ensure_ascii=False, default=list) + "\n"
+
+
+def write_lines(path: Path, rows: Iterable[Any]) -> None:
+    """Writes JSON lines atomically."""
+    write_text(path, "".join(map(json_line, rows)))
+
+
+def read_lines(path: Path) -> list[Any]:
+    """What the lines of a file of JSON lines contain, without an unfinished last one. Raises OSError, ValueError."""
+    *lines, _ = path.read_text(encoding="utf-8").split("\n")
+    return [json.loads(line) for line in lines if line]
 
 
 Record = TypeVar("Record")

@@ -208,6 +208,15 @@ def scripted_verifiers(dynamics: Dynamics) -> Mapping[str, Partner]:
     return {**SCRIPTED_VERIFIERS, GUIDE: Guide(dynamics)}
 
 
+def scripted_partners(game: GameSettings) -> dict[Role, dict[str, Partner]]:
+    """The scripted partners by role and name, without those that need more messages than the game has."""
+    dynamics = game.dynamics()
+    known = {Role.PROPOSER: dict(scripted_proposers(dynamics)), Role.VERIFIER: dict(scripted_verifiers(dynamics))}
+    if not can_guide(game):
+        del known[Role.PROPOSER][BUILDER], known[Role.VERIFIER][GUIDE]
+    return known
+
+
 def can_guide(game: GameSettings) -> bool:
     """Whether a game has the messages that a `Guide` needs."""
     return game.message_sizes()[Role.VERIFIER] >= game.dynamics().appearance.action_count

@@ -7,7 +7,7 @@ where `static_types` proves it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
@@ -47,7 +47,7 @@ def canonical_form(node: syntax.Node) -> syntax.Node:
 
     Variables are first renamed by nesting depth, so that no rule has to deal with shadowing.
     """
-    return _rewrite(_named_by_depth(node, {}, 0), {})
+    return _rewrite(named_by_depth(node, variable_name, {}, 0), {})
 
 
 def variable_name(depth: int) -> str:
@@ -341,13 +341,16 @@ def _attribute_test(value: object, item: syntax.Node) -> syntax.Call:
     return _call(ATTRIBUTE_TESTS[value], item)
 
 
-def _named_by_depth(node: syntax.Node, names: Mapping[str, syntax.Variable], depth: int) -> syntax.Node:
-    """Renames each variable by the nesting depth of its lambda."""
+def named_by_depth(
+    node: syntax.Node, name_of: Callable[[int], str], names: Mapping[str, syntax.Variable], depth: int
+) -> syntax.Node:
+    """Renames each variable by the nesting depth of its lambda; `names`: the new ones by those bound so far."""
     match node:
         case syntax.Variable(name=name):
             return names.get(name, node)
         case syntax.Lambda(parameter=parameter, body=body):
-            name = variable_name(depth)
-            return syntax.Lambda(name, _named_by_depth(body, {**names, parameter: syntax.Variable(name)}, depth + 1))
+            name = name_of(depth)
+            known = {**names, parameter: syntax.Variable(name)}
+            return syntax.Lambda(name, named_by_depth(body, name_of, known, depth + 1))
         case _:
-            return syntax.with_children(node, lambda part: _named_by_depth(part, names, depth))
+            return syntax.with_children(node, lambda part: named_by_depth(part, name_of, names, depth))

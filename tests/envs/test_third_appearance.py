@@ -10,8 +10,11 @@ from typing import Any
 import pytest
 
 from lilgym_mp import testing
+from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.generator import training_pairs
+from lilgym_mp.corpus.generator.pairs import TEMPLATES
+from lilgym_mp.corpus.generator.tower import TowerStatements
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
@@ -79,6 +82,15 @@ def test_third_appearance__is_refused_by_expert_and_generator():
     for start in ("scratch", "flipit"):
         with pytest.raises(ValueError, match=r"'lamps' has no generator of statements"):
             load_tasks("generated:1", NAME, start, "train")
+
+
+def test_data_generate__offers_an_appearance_that_has_statements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(appearances.APPEARANCES, "blocks", "lilgym_mp.scene.appearances.tower.rules:make_tower")
+    monkeypatch.setitem(TEMPLATES, "blocks", TowerStatements)
+    out = tmp_path / "blocks.jsonl"
+    words = ["data", "generate", "2", "--level", "1", "--split", "train", "--appearances", "blocks", "--out", str(out)]
+    assert main(words) == 0
+    assert [json.loads(line)["appearance"] for line in out.read_text().splitlines()[1:]] == ["blocks", "blocks"]
 
 
 def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from multiprocessing.pool import ThreadPool
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,21 +16,12 @@ from lilgym_mp.contrib.llm.summary import Turn
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, BatchTurn
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.wrappers.replies import FAILED
 from lilgym_mp.wrappers.text import content_of, picture
 
 INVALID = str(Outcome.INVALID_ACTION)
 OnTurns = Callable[[str, Sequence[Turn]], None]  # called with a task and the turns of one action
-
-
-class _Request(NamedTuple):
-    """One game in which the model is to move."""
-
-    index: int
-    episode: int
-    task: str
-    legal: BoolArray
 
 
 class LanguagePartner(BatchPartner):
@@ -69,49 +60,43 @@ class LanguagePartner(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) actions; any legal one in games that end."""
-        requests = [self._request(turn, row) for row in range(len(turn.indices))]
-        game = turn.game
-        with ThreadPool(max(1, min(self._concurrency, len(requests)))) as pool:
-            answers = pool.map(lambda request: self._ask(turn, request), requests)
-        actions = np.zeros(len(requests), np.int64)
-        for row, (request, answer) in enumerate(zip(requests, answers, strict=True)):
-            if isinstance(answer, str):
-                turn.endings[request.index] = answer
-                actions[row] = turn.action_mask[row].argmax()
-            else:
-                self._notes[request.episode] = answer.note
-                actions[row] = game.encode_action(self._role, answer.choice, answer.message)
+        actions = turn.action_mask.argmax(1)
+        count = len(actions)
+        with ThreadPool(max(1, min(self._concurrency, count))) as pool:
+            for row, answer in enumerate(pool.imap(partial(self._ask, turn), range(count))):
+                if isinstance(answer, str):
+                    turn.endings[int(turn.indices[row])] = answer
+                else:
+                    self._notes[int(turn.episodes[row])] = answer.note
+                    actions[row] = turn.game.encode_action(self._role, answer.choice, answer.message)
         return actions
 
-    def _request(self, turn: BatchTurn, row: int) -> _Request:
-        index, episode = int(turn.indices[row]), int(turn.episodes[row])
+    def _ask(self, turn: BatchTurn, row: int) -> Said | str:
+        """What the model says in the game of a row, or the outcome of a game that ends."""
+        game, role, index = turn.game, self._role, int(turn.indices[row])
         mdp = turn.games.mdp(index)
         task = mdp.task.id
-        legal = legal_choices(turn, row) if self._role is Role.PROPOSER else np.zeros(0, np.bool_)
-        system = {"role": "system", "content": rules_of(turn.game, self._role, self._words)}
-        note = self._notes.get(episode, "") if self._role is Role.PROPOSER else ""
+        note = ""
+        legal = np.zeros(0, np.bool_)
+        if role is Role.PROPOSER:
+            note = self._notes.get(int(turn.episodes[row]), "")
+            legal = legal_choices(turn, row)
         listed = legal if self._lists_legal and len(legal) else None
         text = text_of_turn(turn, index, scene=self._scene, legal=listed, note=note)
-        sees = self._scene != "list" and turn.game.views[self._role].scene != "none"
-        content = content_of(text, [picture(mdp.scene)] if sees else [])
-        self.messages.setdefault(task, [system]).append({"role": "user", "content": content})
-        return _Request(index, episode, task, legal)
-
-    def _ask(self, turn: BatchTurn, request: _Request) -> Said | str:
-        """What the model says, or the outcome of a game that ends."""
-        game, role, task, legal = turn.game, self._role, request.task, request.legal
+        sees = self._scene != "list" and game.views[role].scene != "none"
+        system = {"role": "system", "content": rules_of(game, role, self._words)}
+        messages = self.messages.setdefault(task, [system])
+        messages.append({"role": "user", "content": content_of(text, [picture(mdp.scene)] if sees else [])})
 
         def read(reply: str) -> tuple[str, Said] | None:
             said = read_reply(reply, game, role, legal, words=self._words, thoughts=self._asking.thoughts)
-            if said is None:
-                return None
-            return game.describe(role, game.encode_action(role, said.choice, said.message)), said
+            return said and (game.describe(role, game.encode_action(role, said.choice, said.message)), said)
 
         asked: list[Turn] = []
         recalled = self._recalled.get(task, [])
         before = len(recalled)
         try:
-            said = self._asking.choose(self.messages[task], asked, read, again=ask_again(game, role), recalled=recalled)
+            said = self._asking.choose(messages, asked, read, again=ask_again(game, role), recalled=recalled)
         except ModelError as error:
             self.errors[task] = str(error)
             return FAILED
@@ -120,6 +105,4 @@ class LanguagePartner(BatchPartner):
             self._on_turns(task, asked[before - len(recalled) :])
         if said is None:
             return str(asked[-1].problem)
-        if role is Role.PROPOSER and not legal[said.choice]:
-            return INVALID
-        return said
+        return INVALID if role is Role.PROPOSER and not legal[said.choice] else said

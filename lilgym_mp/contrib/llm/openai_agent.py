@@ -6,8 +6,9 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any, cast
 
 from lilgym_mp.contrib.llm.agents import (
@@ -113,17 +114,16 @@ class OpenAIAgent:
 def read_completion(body: bytes) -> Answer:
     """The answer in the body of a chat completion. Raises ServerError, with the server's words, for another body."""
     text = body.decode(errors="replace")
+    completion: Message = {}
+    with suppress(ValueError, TypeError, RecursionError):
+        completion = dict(json.loads(text))
+    _refuse_error(completion)
     try:
-        completion = dict[str, Any](json.loads(text))
-        _refuse_error(completion)
-        choice = dict[str, Any](completion["choices"][0])
-        said = dict[str, Any](choice["message"])
-    except ServerError:
-        raise
-    except (ValueError, RecursionError, TypeError, LookupError):
-        raise ServerError(
-            f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}"
-        ) from None
+        choice: Message = completion["choices"][0]
+        said: Message = dict(choice["message"])
+    except (LookupError, TypeError, ValueError):
+        reason = f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}"
+        raise ServerError(reason) from None
     _refuse_error(choice)
     reason = choice.get("finish_reason")
     problem = unusual_end(reason)
@@ -140,13 +140,13 @@ def read_completion(body: bytes) -> Answer:
     return Answer(answer, read, written, reasoning=reasoning, problem=problem)
 
 
-def _refuse_error(data: Mapping[str, Any]) -> None:
+def _refuse_error(data: Message) -> None:
     """Raises ServerError for an error that a server reports with a status of success."""
     error = data.get("error")
     if error:
         words = json.dumps(error, ensure_ascii=False) if isinstance(error, dict | list) else str(error)
         lowered = words.lower()
-        code = cast("dict[str, Any]", error).get("code") if isinstance(error, dict) else None
+        code = cast("Message", error).get("code") if isinstance(error, dict) else None
         is_busy = str(code) in ("429", "500", "502", "503", "529") or any(
             sign in lowered for sign in ("rate limit", "rate_limit", "too many requests", "overloaded")
         )

@@ -8,10 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from lilgym_mp.contrib.llm.agents import Answer, Message
-from lilgym_mp.contrib.report.aggregation import resampled_means
+from lilgym_mp.contrib.report.aggregation import add_up, resampled_means
 from lilgym_mp.envs.resampling import percentile_interval
 from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver
@@ -104,15 +102,10 @@ def success_interval(rates: Sequence[tuple[str, float]]) -> tuple[float, float]:
     Statements, with all of their rates, are resampled, as in `lilgym-mp report`. If all rates are 0, or all 1, there is
     nothing to resample: Wilson's interval, of one trial for each statement. Raises ValueError without rates.
     """
-    statements = sorted({statement for statement, _ in rates})
-    count = len(statements)
+    count = len({statement for statement, _ in rates})
     if {rate for _, rate in rates} <= {0.0} or {rate for _, rate in rates} <= {1.0}:
         return wilson_interval(count if rates and rates[0][1] else 0, count)
-    column = {statement: index for index, statement in enumerate(statements)}
-    totals = np.zeros((2, 1, count))
-    for statement, rate in rates:
-        totals[:, 0, column[statement]] += rate, 1
-    return percentile_interval(resampled_means(totals))
+    return percentile_interval(resampled_means(add_up([rates])))
 
 
 def summarise_transcripts(

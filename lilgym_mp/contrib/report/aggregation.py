@@ -64,11 +64,12 @@ def accuracy_where(runs: Iterable[Recording], predicate: Predicate | None = None
 
 def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate | None = None) -> MeanStd | None:
     """Mean over runs of a value of all episodes, or those that satisfy a predicate, with its interval; None of none."""
-    kept = [chosen for run in runs if (chosen := list(filter(predicate, run.episodes)))]
+    chosen = ([(e.statement, value(e)) for e in filter(predicate, run.episodes)] for run in runs)
+    kept = [values for values in chosen if values]
     if not kept:
         return None
-    found = mean_std([mean(map(value, episodes)) for episodes in kept])
-    low, high = percentile_interval(resampled_means(add_up(kept, value)))
+    found = mean_std([mean(number for _, number in values) for values in kept])
+    low, high = percentile_interval(resampled_means(add_up(kept)))
     return found._replace(low=low, high=high, episodes=min(map(len, kept)))
 
 
@@ -81,14 +82,14 @@ class Difference(NamedTuple):
     p_value: float  # two-sided; null hypothesis: no difference
 
 
-def add_up(runs: Sequence[Sequence[Episode]], value: Value) -> np.ndarray:
-    """(2, runs, statements) sums of a value, and numbers of episodes."""
-    statements = sorted({episode.statement for episodes in runs for episode in episodes})
+def add_up(runs: Sequence[Sequence[tuple[str, float]]]) -> np.ndarray:
+    """(2, runs, statements) sums and numbers of the values of each run, which have a statement each."""
+    statements = sorted({statement for values in runs for statement, _ in values})
     column = {statement: index for index, statement in enumerate(statements)}
     totals = np.zeros((2, len(runs), len(statements)))
-    for row, episodes in enumerate(runs):
-        for episode in episodes:
-            totals[:, row, column[episode.statement]] += value(episode), 1
+    for row, values in enumerate(runs):
+        for statement, value in values:
+            totals[:, row, column[statement]] += value, 1
     return totals
 
 
@@ -102,7 +103,10 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
     shared = set.intersection(*({e.statement for episodes in runs for e in episodes} for runs in recorded))
     if not shared:
         return None
-    kept = [add_up([[e for e in episodes if e.statement in shared] for episodes in runs], success) for runs in recorded]
+    kept = [
+        add_up([[(e.statement, success(e)) for e in episodes if e.statement in shared] for episodes in runs])
+        for runs in recorded
+    ]
     points = float(np.subtract(*(values.sum() / episodes.sum() for values, episodes in kept)))
     differences = np.subtract(*(resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
     deviation = float(differences.std())

@@ -142,8 +142,7 @@ def failures(data: ReportData) -> Iterator[Item]:
     for agent in data.agents:
         examples: dict[str, tuple[str, list[tuple[UInt8Array, str]]]] = {}
         places: dict[str, tuple[Recording, Episode]] = {}
-        found = [data.find(agent, configuration) for configuration in data.configurations]
-        runs = [run for entry in found if entry is not None for run in entry.runs]
+        runs = [run for entry in data.of_agent(agent) for run in entry.runs]
         for run, episode in [(each, episode) for each in runs for episode in each.episodes]:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:

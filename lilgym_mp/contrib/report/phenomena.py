@@ -14,6 +14,7 @@ from itertools import combinations
 from typing import Any
 
 from lilgym_mp.corpus.spelling import plain_words
+from lilgym_mp.programs.canonical import named_by_depth
 from lilgym_mp.programs.syntax import (
     Arithmetic,
     Call,
@@ -25,13 +26,11 @@ from lilgym_mp.programs.syntax import (
     Node,
     Not,
     SceneName,
-    Variable,
     WordName,
     children,
     free_variables,
     parse,
     walk,
-    with_children,
     word_names,
 )
 from lilgym_mp.scene import BOX_COUNT
@@ -283,14 +282,9 @@ def _selections(tree: Node) -> set[Node]:
     return {_renamed(node) for node in walk(tree) if any(_sources(node)) and not bound_inside & free_variables(node)}
 
 
-def _renamed(node: Node, depth: int = 0, **names: Variable) -> Node:
+def _renamed(node: Node) -> Node:
     """The node with bound variables named by depth: equal for expressions that differ in these names alone."""
-    if isinstance(node, Variable):
-        return names.get(node.name, node)
-    if isinstance(node, Lambda):
-        name = f"${depth}"
-        return Lambda(name, _renamed(node.body, depth + 1, **{**names, node.parameter: Variable(name)}))
-    return with_children(node, lambda part: _renamed(part, depth, **names))
+    return named_by_depth(node, "${}".format, {}, 0)
 
 
 def _conjunctions(tree: Node) -> Iterator[list[Node]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import datasets
 from lilgym_mp.evaluation.episode_files import Header, Recording
 from lilgym_mp.evaluation.episodes import Episode
-from lilgym_mp.evaluation.files import EpisodesError
+from lilgym_mp.evaluation.files import EpisodesError, read_json, read_lines
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
 
@@ -32,16 +31,16 @@ def conversations(directory: Path) -> Recording:
     An episode that ended with an answer without an action has its outcome, such as "cut", and the actions before.
     """
     try:
-        summary = json.loads((directory / SUMMARY).read_text(encoding="utf-8"))
+        summary = read_json(directory / SUMMARY)
         given = summary["settings"]
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
         split, option = given["split"], dict(given["option"])
-        *lines, _ = (directory / TRANSCRIPTS).read_text(encoding="utf-8").split("\n")  # the last may be cut
-        records = [json.loads(line) for line in lines if line]
         tasks = settings.tasks(split)
         if given["tasks_sha256"] != tasks.provenance.sha256:
             raise ValueError(f"was played with other tasks than those of {tasks.provenance}")
-        episodes = [_episode(record, settings, split) for record in records if "error" not in record]
+        episodes = [
+            _episode(record, settings, split) for record in read_lines(directory / TRANSCRIPTS) if "error" not in record
+        ]
         label = " ".join(filter(None, [str(given["agent"]), str(option.get("model") or option.get("directory") or "")]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise EpisodesError(f"{directory}: no run of `llm play` that can be read: {_reason(error)}") from None

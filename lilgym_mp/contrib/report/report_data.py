@@ -61,7 +61,7 @@ class TrainingCurve:
     learner: str
     configuration: str  # "" for a run on all configurations
     evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
-    recipe: Mapping[str, Any] = field(default_factory=dict)
+    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,13 @@ class ReportData:
     @cached_property
     def agents(self) -> list[str]:
         """Trained agents first, the expert last."""
-        trained = {entry.agent for entry in self.entries if entry.header.run is not None}
         names = dict.fromkeys(entry.agent for entry in self.entries)
-        return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
+        return sorted(names, key=lambda name: (name == EXPERT, name not in self.trained))
+
+    @cached_property
+    def trained(self) -> set[str]:
+        """The agents with a training run."""
+        return {entry.agent for entry in self.entries if entry.header.run is not None}
 
     @cached_property
     def looks(self) -> Looks:
@@ -123,6 +127,10 @@ class ReportData:
         place = configuration, split or self.main_split
         return [entry for entry in self.results if (entry.configuration, entry.split) == place]
 
+    def of_agent(self, agent: str) -> list[AgentResults]:
+        """The agent's results on the main split."""
+        return [entry for entry in self.results if (entry.agent, entry.split) == (agent, self.main_split)]
+
     def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
         """The agent's results, by default on the main split."""
         return next((entry for entry in self.of(configuration, split) if entry.agent == agent), None)
@@ -143,9 +151,8 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
             " record some with: lilgym-mp evaluate RUN --record DIR"
         )
     recordings: list[Recording] = []
-    for recording in chain.from_iterable(
-        map(_recordings, files)
-    ):  # a deterministic policy may have been recorded twice
+    for recording in chain.from_iterable(map(_recordings, files)):
+        # A deterministic policy may have been recorded twice.
         if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
             recordings.append(recording)
     _check_comparable(recordings)

@@ -44,19 +44,20 @@ PAPER_NOTE = (
 
 def summary(data: ReportData) -> list[str]:
     """Three sentences: which trained agent solves most, what comes second, and how the first fails."""
-    trained = {entry.agent for entry in data.entries if entry.header.run is not None} or set(data.agents)
+    trained = data.trained or set(data.agents)
     ranks = sorted(trained, key=lambda agent: -_mean_accuracy(data, agent))
     best = ranks[0]
     parts = [
-        f"{_percent(entry)} of {entry.configuration} (n = {entry.header.start_scenes:,})" for entry in _of(data, best)
+        f"{_percent(entry)} of {entry.configuration} (n = {entry.header.start_scenes:,})"
+        for entry in data.of_agent(best)
     ]
     sentences = [f"{best} solves {', '.join(parts)} on {data.main_split}."]
     if len(ranks) > 1:
-        others = (f"{_percent(entry)} of {entry.configuration}" for entry in _of(data, ranks[1]))
+        others = (f"{_percent(entry)} of {entry.configuration}" for entry in data.of_agent(ranks[1]))
         sentences.append(f"The second of {len(ranks)} trained agents, {ranks[1]}, solves {', '.join(others)}.")
     else:
         sentences.append("No other trained agent was recorded.")
-    episodes = [episode for entry in _of(data, best) for run in entry.runs for episode in run.episodes]
+    episodes = [episode for entry in data.of_agent(best) for run in entry.runs for episode in run.episodes]
     failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
     if failed:
         outcome, count = failed.most_common(1)[0]
@@ -67,14 +68,8 @@ def summary(data: ReportData) -> list[str]:
     return sentences
 
 
-def _of(data: ReportData, agent: str) -> list[AgentResults]:
-    """The agent's results on the main split."""
-    found = (data.find(agent, configuration) for configuration in data.configurations)
-    return [entry for entry in found if entry is not None]
-
-
 def _mean_accuracy(data: ReportData, agent: str) -> float:
-    means = [found.mean for entry in _of(data, agent) if (found := accuracy_where(entry.runs)) is not None]
+    means = [found.mean for entry in data.of_agent(agent) if (found := accuracy_where(entry.runs)) is not None]
     return sum(means) / len(means) if means else 0.0
 
 

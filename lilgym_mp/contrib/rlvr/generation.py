@@ -11,7 +11,8 @@ from itertools import islice
 
 from lilgym_mp.contrib.rlvr.checked_scenes import is_checkable
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
-from lilgym_mp.corpus.generator import LEVELS, TrainingPair, split_of, statements
+from lilgym_mp.corpus.generator import TrainingPair, split_of, statements
+from lilgym_mp.corpus.generator.pairs import check_level
 from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.scene_sampling import sampler_of
@@ -20,7 +21,6 @@ from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 STARTS = 4  # plan rows of a statement and target besides those of one edit
@@ -55,10 +55,8 @@ def rows(
     iterating, if there are no such starts, and TimeoutError.
     """
     choose("kind", kind, dict.fromkeys(KINDS))
-    choose("appearance", appearance, APPEARANCES)
     choose("split", split, SPLITS)
-    if level not in LEVELS:
-        raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+    check_level(level)
     horizon = dynamics_of(appearance).horizon
     most = horizon if max_actions is None else max_actions
     if not 2 <= min_actions <= most <= horizon:

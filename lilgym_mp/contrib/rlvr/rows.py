@@ -20,7 +20,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import SceneError
 from lilgym_mp.scene.actions import describe
-from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, shown_lines
@@ -94,7 +94,6 @@ class Row:
         try:
             kind, appearance, told = (cast("Any", record.get(name)) for name in ("kind", "appearance", "task"))
             choose("kind", kind, _PROMPTS)
-            choose("appearance", appearance, APPEARANCES)
             if isinstance(told, Mapping):
                 fields = cast("Mapping[str, Any]", told)
                 told = {**fields, "start": json.loads(fields.get("start", "null"))}
@@ -124,12 +123,16 @@ def solver_of(appearance: str) -> Solver:
     return Solver(dynamics, Solver(dynamics).budget // BUDGET_SHARE)
 
 
+def right_answer(row: Row) -> bool:
+    """The answer to a truth or verify row."""
+    task = row.task
+    return task.truth(task.start) if row.kind == "truth" else task.solved_by(task.start)
+
+
 def expert_reply(row: Row) -> str:
     """A right reply."""
-    if row.kind == "truth":
-        return str(row.task.truth(row.task.start)).lower()
-    if row.kind == "verify":
-        return str(row.task.solved_by(row.task.start)).lower()
+    if row.kind in ("truth", "verify"):
+        return str(right_answer(row)).lower()
     if row.kind == "program":
         return row.task.program
     solver = solver_of(row.appearance)

@@ -15,7 +15,7 @@ from PIL import Image
 from lilgym_mp.contrib.rlvr.answers import NotUnderstood, read_plan, read_program, read_truth
 from lilgym_mp.contrib.rlvr.checked_scenes import STEP_LIMIT, checked_truths
 from lilgym_mp.contrib.rlvr.regrets import credit
-from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of
+from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of, right_answer
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
 from lilgym_mp.scene.actions import describe
@@ -24,6 +24,7 @@ from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, pars
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, text_of
 
 SUCCESS, WRONG, NO_STOP = "success", "wrong", "no_stop"  # besides the rules' outcomes and those of replies
+Checked = tuple[str, dict[str, Any]]  # the outcome and details of a reply
 REWARD_LINE = "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode."
 
 
@@ -52,7 +53,7 @@ def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish
     return Score(float(outcome == SUCCESS), outcome, details)
 
 
-def _check_plan(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
+def _check_plan(reply: object, row: Row, thoughts: Sequence[str]) -> Checked:
     """Carries the plan out; "regrets" has the return that each action loses, None if unknown (`regrets.Credit`)."""
     dynamics = dynamics_of(row.appearance)
     state = dynamics.start(row.task)
@@ -69,17 +70,12 @@ def _check_plan(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, 
     return NO_STOP, {"actions": names, "regrets": regrets}
 
 
-def _check_truth(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
+def _check_answer(reply: object, row: Row, thoughts: Sequence[str]) -> Checked:
     answer = read_truth(reply, thoughts=thoughts)
-    return SUCCESS if answer == row.task.truth(row.task.start) else WRONG, {"answer": answer}
+    return SUCCESS if answer == right_answer(row) else WRONG, {"answer": answer}
 
 
-def _check_claim(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    answer = read_truth(reply, thoughts=thoughts)
-    return SUCCESS if answer == row.task.solved_by(row.task.start) else WRONG, {"answer": answer}
-
-
-def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[str, dict[str, Any]]:
+def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> Checked:
     program = read_program(reply, thoughts=thoughts)
     expected = checked_truths(row.task.program, row.appearance)
     if expected is None:
@@ -93,10 +89,10 @@ def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[st
     return SUCCESS if agreeing == len(expected) else WRONG, details
 
 
-_CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[str, dict[str, Any]]]] = {
+_CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], Checked]] = {
     "plan": _check_plan,
-    "truth": _check_truth,
-    "verify": _check_claim,
+    "truth": _check_answer,
+    "verify": _check_answer,
     "program": _check_program,
 }
 

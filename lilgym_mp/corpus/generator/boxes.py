@@ -100,7 +100,7 @@ class Statements(ItemStatements):
 
     def named_box(self) -> TrainingPair:
         """Conditions of the left, middle or right box."""
-        index = int(self.rng.random() * 3)
+        index = self.choice(range(3))
         word = self.box_word()
         conditions = self.conditions(self.pick(1, 1, 2))
         place = self.say(f"box_{index}")

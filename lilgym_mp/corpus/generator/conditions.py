@@ -261,7 +261,7 @@ class BoxConditions(Writer):
         """ "four items of which two are blue" """
         attributes = self.some_attributes()
         total = self.pick(2, 3, 3, 4, 4, self.max_in_box)
-        part = 1 + int(self.rng.random() * (total - 1))
+        part = self.choice(range(1, total))
         complement = self.attribute_predicate(attributes).complement
         named = self.quantified(exactly(total), ANYTHING).text
         which = self.say("of_which")
@@ -291,7 +291,7 @@ class BoxConditions(Writer):
 
     def total_in_box(self, most: int = 8) -> Condition:
         """Draws a condition on the number of items in the box, with numbers up to `most`."""
-        number = 1 + int(self.rng.random() * most)
+        number = self.choice(range(1, most + 1))
         few = at_most(number) if number > 1 else exactly(1)
         quantity = self.pick(exactly(number), exactly(number), exactly(number), at_least(number), few)
         text = self.quantified(quantity, ANYTHING).text

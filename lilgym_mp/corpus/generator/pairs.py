@@ -69,6 +69,12 @@ def level_of(program: str) -> int | None:
     return next(admitting, None)
 
 
+def check_level(level: int) -> None:
+    """Raises ValueError for an unknown level, naming the choices."""
+    if level not in LEVELS:
+        raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+
+
 def statements(appearance: str, level: int, rng: random.Random) -> Iterator[TrainingPair]:
     """Endless statements of a level in correct spelling and grammar, each with one meaning, and their programs.
 
@@ -76,8 +82,7 @@ def statements(appearance: str, level: int, rng: random.Random) -> Iterator[Trai
     first statement is asked for. Raises ValueError for an unknown appearance or level.
     """
     sampler = templates_of(appearance)(rng)
-    if level not in LEVELS:
-        raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+    check_level(level)
     return _statements(sampler, level)
 
 

@@ -51,7 +51,7 @@ class ScatterStatements(Statements):
 
     def box_predicate(self) -> Predicate:
         """Draws the predicate of being in the left, middle or right box."""
-        index = int(self.rng.random() * 3)
+        index = self.choice(range(3))
         name = self.pick(("left", "middle", "right"), ("first", "second", "third"))[index]
         test = f"@.box == all_boxes[{index}]"
         positive = self.chance(0.9)

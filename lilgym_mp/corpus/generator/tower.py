@@ -81,7 +81,7 @@ class TowerStatements(Statements):
 
     def box_predicate(self) -> Predicate:
         """Draws the predicate of being in the left, middle or right box."""
-        index = int(self.rng.random() * 3)
+        index = self.choice(range(3))
         complement = f"in the {('left', 'middle', 'right')[index]} {self.box_word()}"
         return Predicate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.85), kind="box")
 

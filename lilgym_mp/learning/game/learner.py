@@ -16,6 +16,7 @@ from lilgym_mp.evaluation.game_partners import GUIDE, SCRIPTED_PROPOSERS, SCRIPT
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import RunOptions, setting
 from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.scene.appearances import make_appearance
 
 _RUNS: Mapping[str, Any] = {"kind": Path, "nargs": "+", "metavar": "RUN"}
 
@@ -61,4 +62,11 @@ def _load_agent(path: Path, device: str) -> Any:
     return GameAgent.load(path, device)
 
 
-LEARNER = Learner(GameRecipe, GameOptions, _train, _load_agent, __doc__, config=GameSettings)
+def _check(settings: GameSettings, recipe: GameRecipe) -> None:
+    """Raises UnsupportedAppearance for an appearance whose actions the networks have no heads for."""
+    from lilgym_mp.learning.common.factored_policy import joint_factorisation
+
+    joint_factorisation(make_appearance(settings.appearance, settings.grid))
+
+
+LEARNER = Learner(GameRecipe, GameOptions, _train, _load_agent, __doc__, config=GameSettings, check=_check)

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import RunOptions, UpdateRecipe, setting
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.choices import choose
 
 MODELS = {
@@ -165,6 +167,14 @@ def _load_agent(path: Path, device: str) -> Any:
     return PPOAgent.load(path, device)
 
 
+def _check(settings: EnvConfig, recipe: PPORecipe) -> None:
+    """Raises UnsupportedAppearance for an appearance whose actions the model has no heads for."""
+    from lilgym_mp.learning.common.factored_policy import joint_factorisation
+
+    if recipe.model not in TRANSFORMERS:
+        joint_factorisation(make_appearance(settings.appearance, settings.grid))
+
+
 LEARNER = Learner(
     PPORecipe,
     PPOOptions,
@@ -173,4 +183,5 @@ LEARNER = Learner(
     __doc__,
     directory="{configuration}",
     action_modes=(GREEDY, SAMPLED),  # the most probable first action may be STOP
+    check=_check,
 )

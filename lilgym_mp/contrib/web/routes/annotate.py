@@ -5,7 +5,6 @@ The procedure of the paper (Wu et al. 2023, Figure 8), for the statements of the
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response
@@ -17,6 +16,7 @@ from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, now, save_row
 from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.explore import CorpusStatement, FoundStatement, list_statements
 from lilgym_mp.corpus.records import FLIPIT
+from lilgym_mp.evaluation.files import json_line
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.compiler import Program
 from lilgym_mp.programs.syntax import MAX_LENGTH, parse
@@ -142,7 +142,7 @@ def download(services: Services) -> Response:
     with services.database.read() as connection:
         found = connection.execute(f"SELECT {', '.join(ANNOTATION_COLUMNS)} FROM annotations ORDER BY id")
         rows = [{**dict(row), "accepted": bool(row["accepted"])} for row in found]
-    text = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
+    text = "".join(map(json_line, rows))
     headers = {"Content-Disposition": 'attachment; filename="annotations.jsonl"'}
     return Response(text, media_type="application/jsonl", headers=headers)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
 
@@ -53,17 +53,16 @@ def explore_page(
     )
 
 
-class CorpusStatement:
+class CorpusStatement(NamedTuple):
     """A statement and program of the corpus, with its tasks."""
 
-    def __init__(self, appearance: str, split: str, task: Task) -> None:
-        self.appearance = appearance
-        self.split = split
-        self.id = task.id
-        self.statement = task.statement
-        self.program = task.program
-        self.tasks: list[tuple[str, Task]] = []  # (start, task)
-        self.length = len(words(task.statement))
+    appearance: str
+    split: str
+    id: str
+    statement: str
+    program: str
+    length: int  # in words
+    tasks: list[tuple[str, Task]]  # with their starts
 
 
 def find_statement(
@@ -113,8 +112,9 @@ def list_statements(services: AppServices, appearance: str, split: str) -> tuple
         except NoTasksError:
             continue
         for task in tasks:
-            statement = found.setdefault((task.statement, task.program), CorpusStatement(appearance, split, task))
-            statement.tasks.append((start, task))
+            said, program = task.statement, task.program
+            new = CorpusStatement(appearance, split, task.id, said, program, len(words(said)), [])
+            found.setdefault((said, program), new).tasks.append((start, task))
     if not found:
         raise HTTPException(404, f"the corpus has no {appearance} statements in {split}")
     return tuple(found.values())
