@@ -75,7 +75,7 @@ def single(args: argparse.Namespace) -> None:
 
 
 def game() -> None:
-    algorithm = learner(argparse.Namespace(width=16, runners=0, batch=128, seed=0))
+    algorithm = learner(argparse.Namespace(width=16, runners=0, batch=128, seed=0, guide=False))
     print(f"game: {summary(algorithm.train())}")
     place = Path("algorithm").absolute()
     algorithm.save_to_path(place)
