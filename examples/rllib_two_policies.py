@@ -51,7 +51,7 @@ STATEMENTS = {  # so few that some thousand games show that both agents learn
 }
 ILLEGAL = -1e8  # logit
 COLOURS = 5  # none, and the item array's numbers
-ENCODED = ("item_array", "statement")  # parts of observations with an encoding of their own
+OTHERS = ("target", "message", "proposal", "refused")  # what an agent may see besides scene and statement
 SAMPLE_SECONDS = 600  # RLlib's default timeout of 60 seconds is too short on a busy machine
 
 
@@ -63,7 +63,7 @@ class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
         boxes, items, _ = parts["item_array"].shape
         words = int(parts["statement"].high.max()) + 1 if "statement" in parts else 1
         self.words = nn.Embedding(words, width, padding_idx=0)
-        self.others = {name: getattr(space, "n", 0) for name, space in parts.items() if name not in ENCODED}
+        self.others = {name: getattr(parts[name], "n", 0) for name in OTHERS if name in parts}
         size = boxes * items * COLOURS + sum(count or parts[name].shape[0] for name, count in self.others.items())
         self.scene = nn.Sequential(nn.Linear(size, width), nn.ReLU(), nn.Linear(width, width))
         self.body = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU())
@@ -73,7 +73,7 @@ class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
         """(B, width)"""
         parts = observation["observation"]
         seen = [nn.functional.one_hot(parts["item_array"][..., 3].long() + 1, COLOURS).flatten(1)]
-        for name, count in self.others.items():  # the target, messages and proposals, as far as the agent sees them
+        for name, count in self.others.items():
             part = parts[name]
             seen.append(nn.functional.one_hot(part.long(), count) if part.ndim == 1 else part / 10)
         scene = self.scene(torch.cat([each.float() for each in seen], 1))
