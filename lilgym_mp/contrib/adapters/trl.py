@@ -9,14 +9,13 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence, Set
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
-import trl
 from datasets import IterableDataset
 from transformers import AutoTokenizer
 from trl import GRPOConfig, GRPOTrainer
+from trl.chat_template_utils import qwen3_chat_template
 
 from lilgym_mp.contrib.rlvr import Conversation, Row, images_of, messages_of, rows, score
 from lilgym_mp.wrappers.text import content_of
@@ -82,7 +81,7 @@ def with_tools(tokenizer: Any) -> Any:
         return tokenizer
     if "<|im_start|>" not in tokenizer.get_vocab():
         raise SystemExit("--turns needs a chat template with tools, or a tokenizer with <|im_start|>, as Qwen's have")
-    tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text()
+    tokenizer.chat_template = qwen3_chat_template
     return tokenizer
 
 
