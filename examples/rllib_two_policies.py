@@ -1,7 +1,7 @@
 """Trains two RLlib policies at once, one for the proposer and one for the verifier, on a local Ray or a cluster.
 
 RLlib's default networks support neither masks nor nested observations, so both policies use a custom module: it encodes
-the scene's colours and the statement, and gives illegal actions no probability.
+the scene's colours, the statement and messages, and gives illegal actions no probability.
 Needs the extras `rllib` and `pettingzoo`. Run: python examples/rllib_two_policies.py --steps 20000 --runners 1
 On a cluster: add --address auto, see docs/distributed.md.
 """
@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage reports to Ray's developers
+os.environ.setdefault("RAY_worker_niceness", "0")  # by default 15, with which runners starve on a busy machine
 
 try:
     import ray  # pyright: ignore[reportMissingImports]
@@ -37,7 +38,12 @@ try:
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[rllib,pettingzoo]"')
 
-GAME: dict[str, Any] = {"protocol": "joint", "rewards": "common", "views": "structured"}
+JOINT: dict[str, Any] = {"protocol": "joint", "rewards": "common", "views": "structured"}
+GUIDE: dict[str, Any] = {  # the proposer sees neither statement nor target; the verifier has a message for each action
+    "protocol": "critique",
+    "views": {"proposer_0": {"scene": "structured", "statement": "none", "target": False}, "verifier_0": "structured"},
+    "message_size": {"proposer_0": 0, "verifier_0": 13},
+}
 STATEMENTS = {  # so few that some thousand games show that both agents learn
     "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
     "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
@@ -45,29 +51,33 @@ STATEMENTS = {  # so few that some thousand games show that both agents learn
 }
 ILLEGAL = -1e8  # logit
 COLOURS = 5  # none, and the item array's numbers
+OTHERS = ("target", "message", "proposal", "refused")  # what an agent may see besides scene and statement
 SAMPLE_SECONDS = 600  # RLlib's default timeout of 60 seconds is too short on a busy machine
 
 
 class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
-    """Policy and value over {"observation": {item_array, statement, target}, "action_mask": mask}."""
+    """Policy and value over {"observation": {item_array, and what else the agent sees}, "action_mask": mask}."""
 
     def setup(self) -> None:
-        parts, width = self.observation_space["observation"], self.model_config["width"]
+        parts, width = self.observation_space["observation"].spaces, self.model_config["width"]
         boxes, items, _ = parts["item_array"].shape
-        self.words = nn.Embedding(int(parts["statement"].high.max()) + 1, width, padding_idx=0)
-        size = boxes * items * COLOURS + 2
+        words = int(parts["statement"].high.max()) + 1 if "statement" in parts else 1
+        self.words = nn.Embedding(words, width, padding_idx=0)
+        self.others = {name: getattr(parts[name], "n", 0) for name in OTHERS if name in parts}
+        size = boxes * items * COLOURS + sum(count or parts[name].shape[0] for name, count in self.others.items())
         self.scene = nn.Sequential(nn.Linear(size, width), nn.ReLU(), nn.Linear(width, width))
         self.body = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU())
         self.policy, self.value = nn.Linear(width, int(self.action_space.n)), nn.Linear(width, 1)
 
     def encode(self, observation: dict[str, Any]) -> Tensor:
         """(B, width)"""
-        target = observation["observation"]["target"]
-        if target.ndim == 1:  # not yet one-hot
-            target = nn.functional.one_hot(target.long(), 2)
-        colours = nn.functional.one_hot(observation["observation"]["item_array"][..., 3].long() + 1, COLOURS)
-        scene = self.scene(torch.cat([colours.flatten(1).float(), target.float()], 1))
-        read = self.words(observation["observation"]["statement"].long()).sum(1)
+        parts = observation["observation"]
+        seen = [nn.functional.one_hot(parts["item_array"][..., 3].long() + 1, COLOURS).flatten(1)]
+        for name, count in self.others.items():
+            part = parts[name]
+            seen.append(nn.functional.one_hot(part.long(), count) if part.ndim == 1 else part / 10)
+        scene = self.scene(torch.cat([each.float() for each in seen], 1))
+        read = self.words(parts["statement"].long()).sum(1) if "statement" in parts else torch.ones_like(scene)
         return self.body(torch.cat([scene * read, scene], 1))
 
     def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Tensor]:
@@ -94,7 +104,7 @@ def learner(args: argparse.Namespace) -> Any:
     module = RLModuleSpec(module_class=MaskedActorCritic, model_config={"width": args.width})
     config = (
         PPOConfig()
-        .environment("lilgym_mp_proposer_verifier", env_config=GAME)
+        .environment("lilgym_mp_proposer_verifier", env_config=GUIDE if args.guide else JOINT)
         .env_runners(num_env_runners=args.runners, sample_timeout_s=SAMPLE_SECONDS)
         .multi_agent(policies=set(AGENTS), policy_mapping_fn=lambda agent, episode, **kwargs: agent)
         .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs=dict.fromkeys(AGENTS, module)))
@@ -140,6 +150,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=1024, help="steps between updates")
     parser.add_argument("--runners", type=int, default=1, help="number of sampling processes; 0 samples in this one")
     parser.add_argument("--width", type=int, default=128, help="width of the networks")
+    parser.add_argument("--guide", action="store_true", help="critique with the guide's views instead of joint")
     parser.add_argument(
         "--address", help="address of a running Ray cluster, such as auto (default: start Ray on this machine)"
     )

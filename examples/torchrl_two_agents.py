@@ -1,7 +1,8 @@
 """Independent PPO for both agents of the proposer-verifier game, in TorchRL through its PettingZooWrapper.
 
 In the joint protocol both act in every turn and earn the MDP's reward. Three statements, so that a few CPU minutes show
-that both learn: random play succeeds in about a fifth of the games. Needs the extra `torchrl`.
+that both learn: random play succeeds in about a fifth of the games. With --guide, they play critique, and the proposer
+sees neither statement nor target, but the verifier's messages. Needs the extra `torchrl`.
 Run: python examples/torchrl_two_agents.py --frames 60000
 """
 
@@ -13,7 +14,7 @@ import time
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.envs.proposer_verifier import parallel_env
@@ -38,6 +39,13 @@ except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[torchrl,pettingzoo]"')
 
 GROUPS = ("proposer", "verifier")  # TorchRL's, of one agent each
+ENCODED = ("item_array", "statement")  # parts of observations with an encoding of their own
+JOINT: dict[str, Any] = {"protocol": "joint", "views": "structured"}
+GUIDE: dict[str, Any] = {  # the verifier has a message for each action
+    "protocol": "critique",
+    "views": {"proposer_0": {"scene": "structured", "statement": "none", "target": False}, "verifier_0": "structured"},
+    "message_size": {"proposer_0": 0, "verifier_0": 13},
+}
 STATEMENTS = {
     "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
     "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
@@ -52,25 +60,31 @@ def write_statements(path: Path) -> None:
     write_corpus(path, "three", "MIT", entries)
 
 
-def make_env(corpus: str) -> EnvBase:
-    game = parallel_env(protocol="joint", rewards="common", views="structured", corpus=corpus)
+def make_env(corpus: str, *, guide: bool = False) -> EnvBase:
+    game = parallel_env(**(GUIDE if guide else JOINT), rewards="common", corpus=corpus)
     wrapped = PettingZooWrapper(game, return_state=False, use_mask=False, done_on_any=True)
     return TransformedEnv(wrapped, RewardSum(in_keys=[("proposer", "reward")], out_keys=["game_return"]))
 
 
 class Network(nn.Module):
-    """From items, statement and target to `outputs` values; any number of leading batch axes."""
+    """From items, statement and the other parts that an agent sees to `outputs` values; any leading batch axes.
+
+    `words`: of the statement; 0 for an agent that does not see it.
+    """
 
     def __init__(self, words: int, outputs: int, width: int) -> None:
         super().__init__()
-        self.words = nn.Embedding(words, width, padding_idx=0)
+        self.words = nn.Embedding(words, width, padding_idx=0) if words else None
         self.scene = nn.Sequential(nn.LazyLinear(width), nn.ReLU(), nn.Linear(width, width))
         self.head = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, outputs))
 
-    def forward(self, items: Tensor, statement: Tensor, target: Tensor) -> Tensor:
-        read = self.words(statement).sum(-2)
+    def forward(self, items: Tensor, *parts: Tensor) -> Tensor:
+        statement, *others = parts if self.words else (None, *parts)
         colours = nn.functional.one_hot(items[..., 3].long() + 1, 5).flatten(-3)  # of the items in each box
-        scene = self.scene(torch.cat([colours.float(), target.float()], -1))
+        # Discrete parts are one-hot vectors of bits; proposals are whole numbers.
+        seen = [part.float() if part.dtype in (torch.bool, torch.int8) else part / 10 for part in others]
+        scene = self.scene(torch.cat([colours.float(), *seen], -1))
+        read = self.words(statement).sum(-2) if self.words else torch.ones_like(scene)
         return self.head(torch.cat([scene * read, scene], -1))
 
 
@@ -84,9 +98,10 @@ class Learner(NamedTuple):
 
 
 def make_learner(env: EnvBase, group: str, width: int) -> Learner:
-    parts = [(group, "observation", "observation", name) for name in ("item_array", "statement", "target")]
-    spec, action = env.observation_spec[group], env.full_action_spec[group, "action"]
-    words = int(spec["observation", "observation", "statement"].space.high.max()) + 1
+    seen, action = env.observation_spec[group, "observation", "observation"], env.full_action_spec[group, "action"]
+    names = [*(name for name in ENCODED if name in seen.keys()), *(name for name in seen.keys() if name not in ENCODED)]  # noqa: SIM118
+    parts = [(group, "observation", "observation", name) for name in names]
+    words = int(seen["statement"].space.high.max()) + 1 if "statement" in names else 0
     network = TensorDictModule(Network(words, action.space.n, width), parts, [(group, "logits")])
     actor = ProbabilisticActor(
         network,
@@ -126,6 +141,7 @@ def main() -> None:
     parser.add_argument("--envs", type=int, default=8)
     parser.add_argument("--batch", type=int, default=2048, help="turns between updates")
     parser.add_argument("--width", type=int, default=64, help="width of the networks")
+    parser.add_argument("--guide", action="store_true", help="critique with the guide's views instead of joint")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -133,9 +149,10 @@ def main() -> None:
     with TemporaryDirectory() as directory:
         corpus = Path(directory) / "three.jsonl"
         write_statements(corpus)
-        envs = SerialEnv(args.envs, partial(make_env, str(corpus)))
+        make = partial(make_env, str(corpus), guide=args.guide)
+        envs = SerialEnv(args.envs, make)
         envs.set_seed(args.seed)
-        learners = [make_learner(make_env(str(corpus)), group, args.width) for group in GROUPS]
+        learners = [make_learner(make(), group, args.width) for group in GROUPS]
         policy = TensorDictSequential(*(learner.actor for learner in learners))
         collector = Collector(envs, policy, frames_per_batch=args.batch, total_frames=args.frames)
         frames = 0

@@ -226,10 +226,16 @@ def test_finetune_language_model__reports_each_phase_and_saves_the_models(run: R
     [
         ("torchrl_rollout", "torchrl", "--steps 64 --envs 2 --batch 64 --width 8", "legal actions (100)%", 0),
         ("torchrl_two_agents", "torchrl", "--frames 4096 --batch 1024", r"success (\S+)$", 0.1),
+        ("torchrl_two_agents", "torchrl", "--frames 512 --batch 256 --guide", r"success (\S+)$", -1),
         ("benchmarl_game", "benchmarl", "--frames 8192", r"mean return ([+-]\d\.\d+)$", 0.2),
+        ("benchmarl_game", "benchmarl", "--frames 2048 --guide", r"mean return ([+-]\d\.\d+)$", -1),
         (
             *("rllib_two_policies", "ray", "--steps 4096 --batch 1024 --width 32 --runners 0"),
             *(r"steps  mean return  proposer_0 (\S+)", 0.1),
+        ),
+        (
+            *("rllib_two_policies", "ray", "--steps 256 --batch 128 --width 16 --runners 0 --guide"),
+            *(r"steps  mean return  proposer_0 (\S+)", -3),
         ),
         (
             *("rllib_single_agent", "ray", "--steps 64 --batch 64 --width 8 --runners 0"),

@@ -16,6 +16,7 @@ from tests.scripts import load_script
 ROOT = Path(__file__).parents[1]
 SNIPPETS = load_script("write_integration_table")
 NEEDS = {  # modules, by the beginning of a script's name
+    "agilerl": ("agilerl",),
     "gymnasium": ("torch",),
     "rllib": ("ray", "pettingzoo"),
     "sb3": ("sb3_contrib",),

@@ -11,6 +11,7 @@ from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus.extras import install
 
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage reports to Ray's developers
+os.environ.setdefault("RAY_worker_niceness", "0")  # by default 15, with which runs starve on a busy machine
 
 
 def execute_on_ray(

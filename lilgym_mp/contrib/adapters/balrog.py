@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, SupportsFloat
+from typing import Any
 
 import gymnasium as gym
 
@@ -29,7 +29,7 @@ class BalrogEnv(TextObservation):
     @property
     def language_action_space(self) -> list[str]:
         """The names of the legal actions."""
-        return [self._name(index) for index in self.action_masks().nonzero()[0].tolist()]
+        return [*map(self._name, self.action_masks().nonzero()[0].tolist())]
 
     def get_instruction_prompt(self, instruction: str | None = None) -> str:
         """The rules, then the task's statement and target, or `instruction` instead of these."""
@@ -37,8 +37,9 @@ class BalrogEnv(TextObservation):
         own = f'Make this statement {str(task.target).lower()}, then STOP: "{task.statement}"'
         return f"{self.instructions()}\n{instruction or own}"
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        text, info = super().reset(seed=seed, options=options)
+    def reset(self, **arguments: Any) -> Any:
+        """As Gymnasium's, with BALROG's observation."""
+        text, info = super().reset(**arguments)
         self._start, self._success = self._current(), False
         self.failed_candidates: list[str] = []
         return self._observation(text), info
@@ -50,10 +51,11 @@ class BalrogEnv(TextObservation):
             self.failed_candidates.append(candidate_action)
         return self._name(reply.action)
 
-    def step(self, action: str) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        text, reward, terminated, truncated, info = super().step(self.parse_action(action).action)
-        self._success = bool(info.get("is_success", False))
-        return self._observation(text), reward, terminated, truncated, info
+    def step(self, action: str) -> Any:
+        """As Gymnasium's, with an action in words and BALROG's observation."""
+        text, *signals, info = super().step(self.parse_action(action).action)
+        self._success = bool(info.get("is_success"))
+        return self._observation(text), *signals, info
 
     def get_stats(self) -> dict[str, Any]:
         """{"progression": 0 to 1, "success"} of the current episode."""

@@ -8,7 +8,7 @@ from typing import Any
 from uuid import uuid4
 
 from fastapi import FastAPI, HTTPException
-from openenv.core import EnvClient
+from openenv.core import GenericEnvClient
 from openenv.core.client_types import StepResult
 from openenv.core.env_server.http_server import create_app
 from openenv.core.env_server.interfaces import Environment
@@ -36,21 +36,19 @@ class LilgymObservation(Observation):
         default_factory=list, description="The scene as a data URL of a PNG, if pictures are shown"
     )
     outcome: str = Field(default="", description="Such as continues, success, wrong_stop or not_understood")
+    action: str | None = Field(default=None, description="The action that the reply named, if it named one")
     regret: float | None = Field(default=None, description="Return that the turn lost against the expert, if known")
     distance_before: int | None = Field(default=None, description="Actions of a shortest solution before the turn")
     distance_after: int | None = Field(default=None, description="The same after it; 0 after success")
 
 
-class LilgymEnv(EnvClient[LilgymAction, LilgymObservation, State]):
+class LilgymEnv(GenericEnvClient):
     """A session of its own on the server: `with LilgymEnv(base_url=url).sync() as env: env.reset(seed=1, level=2)`."""
 
-    def _step_payload(self, action: LilgymAction) -> dict[str, Any]:
-        return {"reply": action.reply, "finish_reason": action.finish_reason}
-
-    def _parse_result(self, payload: dict[str, Any]) -> StepResult[LilgymObservation]:
-        signals = {"reward": payload.get("reward"), "done": payload.get("done", False)}
-        observation = LilgymObservation(**{**payload.get("observation", {}), **signals})
-        return StepResult(observation=observation, **signals)
+    def _parse_result(self, payload: dict[str, Any]) -> StepResult[Any]:
+        result = super()._parse_result(payload)
+        result.observation = LilgymObservation(**result.observation, reward=result.reward, done=result.done)
+        return result
 
     def _parse_state(self, payload: dict[str, Any]) -> State:
         return State(**payload)
@@ -65,11 +63,8 @@ class PlanEnvironment(Environment):
     """Makes a statement true or false, one action for each reply; reward 1 for success, else 0."""
 
     SUPPORTS_CONCURRENT_SESSIONS: bool = True
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._state = State(episode_id=str(uuid4()), step_count=0)
-        self._talk: Conversation | None = None
+    state: Any = State()  # replaced by that of the episode
+    _talk: Conversation | None = None
 
     def reset(
         self, seed: int | None = None, episode_id: str | None = None, scene: str = "list", **settings: Any
@@ -84,26 +79,18 @@ class PlanEnvironment(Environment):
         try:
             row = next(rows("plan", seed=seed, seconds=SEARCH_SECONDS, **settings))
             self._talk = Conversation(row, scene=scene)
-        except (TypeError, ValueError) as error:
-            raise HTTPException(422, str(error)) from None
-        except TimeoutError as error:
-            raise HTTPException(408, str(error)) from None
-        self._state = State(episode_id=episode_id or str(uuid4()), step_count=0)
-        return LilgymObservation(
-            text=self._talk.prompt, images=self._images(), outcome="continues", done=False, reward=0.0
-        )
+        except (TypeError, ValueError, TimeoutError) as error:
+            raise HTTPException(408 if isinstance(error, TimeoutError) else 422, str(error)) from None
+        self.state = State(episode_id=episode_id or str(uuid4()))
+        return _observation(self._talk, text=self._talk.prompt, outcome="continues", reward=0.0)
 
     def step(self, action: LilgymAction, timeout_s: float | None = None, **_: Any) -> LilgymObservation:
+        """Reads a reply; after the end, and before the first reset, the outcome is "over"."""
         if self._talk is None or self._talk.done:
             return LilgymObservation(text="Reset first.", outcome="over", done=True, reward=0.0)
-        self._state.step_count += 1
-        turn = self._talk.step(action.reply, action.finish_reason)
-        names = ("text", "outcome", "done", "reward", "regret", "distance_before", "distance_after")
-        return LilgymObservation(**{name: getattr(turn, name) for name in names}, images=self._images())
+        self.state.step_count += 1
+        return _observation(self._talk, **self._talk.step(action.reply, action.finish_reason)._asdict())
 
-    def _images(self) -> list[str]:
-        return [image_part(image)["image_url"]["url"] for image in self._talk.images] if self._talk else []
 
-    @property
-    def state(self) -> State:
-        return self._state
+def _observation(talk: Conversation, **fields: Any) -> LilgymObservation:
+    return LilgymObservation(images=[image_part(image)["image_url"]["url"] for image in talk.images], **fields)

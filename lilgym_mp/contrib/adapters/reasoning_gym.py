@@ -1,7 +1,7 @@
 """lilgym_mp as a dataset of reasoning-gym: `reasoning_gym.create_dataset("lilgym", kind="plan", level=2, seed=0)`."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
@@ -31,8 +31,10 @@ class LilgymConfig:
         self.rows(0)
 
     def rows(self, seed: int) -> Iterator[Row]:
-        names = ("kind", "appearance", "level", "split", "min_actions", "max_actions")
-        return rows(**{name: getattr(self, name) for name in names}, seed=seed)
+        """Endless rows."""
+        given = asdict(self) | {"seed": seed}
+        del given["size"]
+        return rows(**given)
 
 
 class LilgymDataset(ProceduralDataset):

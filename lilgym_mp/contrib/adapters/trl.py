@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
-import trl
 from datasets import IterableDataset
 from transformers import AutoTokenizer
 from trl import GRPOConfig, GRPOTrainer
+from trl.chat_template_utils import qwen3_chat_template
 
 from lilgym_mp.contrib.rlvr import Conversation, Row, images_of, messages_of, rows, score
 from lilgym_mp.wrappers.text import content_of
@@ -49,34 +48,28 @@ def _examples(arguments: tuple[str, str, int], *, turns: bool, scene: str, **set
         yield {"prompt": prompt, "row": json.dumps(row.to_json()), **({"images": images} if images else {})}
 
 
+def row_of(text: str) -> Row:
+    """The row of an example's column "row"."""
+    return Row.from_json(json.loads(text))
+
+
 def verified_reward(
     completions: Sequence[Any],
     row: Sequence[str],
     *,
     completion_ids: Sequence[Sequence[int]] | None = None,
-    ends: Collection[int] = (),
+    ends: Set[int] = frozenset(),
     **columns: Any,
 ) -> list[float]:
     """1 for each right completion, else 0, also for an empty one.
 
     `ends`: tokens that end a reply; a completion without one was cut, and is not read. By default that is not known.
     """
-    reasons: list[str | None] = [None] * len(completions)
-    if ends and completion_ids is not None:
-        reasons = [None if ids and ids[-1] in ends else "length" for ids in completion_ids]
-    found = zip(completions, row, reasons, strict=True)
-    return [score(said, Row.from_json(json.loads(data)), finish_reason=reason).reward for said, data, reason in found]
-
-
-class EndedReward:
-    """`verified_reward` for a model whose replies end with one of these tokens."""
-
-    def __init__(self, ends: Collection[int]) -> None:
-        self._ends = ends
-        self.__name__ = verified_reward.__name__  # in TRL's logs
-
-    def __call__(self, **arguments: Any) -> list[float]:
-        return verified_reward(**arguments, ends=self._ends)
+    rewards: list[float] = []
+    for said, data, tokens in zip(completions, row, completion_ids or [None] * len(completions), strict=True):
+        cut = ends and tokens is not None and ends.isdisjoint(tokens[-1:])
+        rewards.append(score(said, row_of(data), finish_reason="length" if cut else None).reward)
+    return rewards
 
 
 def with_tools(tokenizer: Any) -> Any:
@@ -88,7 +81,7 @@ def with_tools(tokenizer: Any) -> Any:
         return tokenizer
     if "<|im_start|>" not in tokenizer.get_vocab():
         raise SystemExit("--turns needs a chat template with tools, or a tokenizer with <|im_start|>, as Qwen's have")
-    tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text()
+    tokenizer.chat_template = qwen3_chat_template
     return tokenizer
 
 
@@ -104,7 +97,7 @@ class PlanEnvironment:
         self._scene = scene
 
     def reset(self, row: str, **columns: Any) -> None:
-        self._talk, self._reward = Conversation(Row.from_json(json.loads(row)), scene=self._scene), 0.0
+        self._talk, self._reward = Conversation(row_of(row), scene=self._scene), 0.0
         self.regrets: list[float | None] = []  # of each turn, for trainers that reward turns
 
     def act(self, action: str) -> Any:
@@ -142,12 +135,11 @@ def main() -> None:
     parser.add_argument("--out", default="runs/grpo")
     parser.add_argument("--option", nargs="+", default=[], metavar="KEY=VALUE", help="others of GRPOConfig, in JSON")
     args = parser.parse_args()
-    settings = {"output_dir": args.out, "max_steps": args.steps, "num_generations": 8, "logging_steps": 1}
+    settings = {"output_dir": args.out, "max_steps": args.steps, "logging_steps": 1}
     settings |= {"max_completion_length": args.max_completion_length, "use_cpu": not torch.accelerator.is_available()}
-    for key, _, value in (option.partition("=") for option in args.option):
-        settings[key] = json.loads(value)
+    settings |= {key: json.loads(value) for key, _, value in (option.partition("=") for option in args.option)}
     tokenizer = AutoTokenizer.from_pretrained(args.model)
-    played: dict[str, Any] = {"reward_funcs": EndedReward({tokenizer.eos_token_id})}
+    played: dict[str, Any] = {"reward_funcs": partial(verified_reward, ends={tokenizer.eos_token_id})}
     if args.turns:
         played = {"environment_factory": partial(PlanEnvironment, args.scene)}
         if args.scene == "list":
