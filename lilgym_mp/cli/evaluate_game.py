@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -25,6 +25,7 @@ from lilgym_mp.evaluation.game_partners import (
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
@@ -61,29 +62,11 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     tables: list[str] = []
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
-            env = BaseGameEnv(**vars(settings))
-            rows: list[dict[str, str]] = []
-            for (proposer, proposing), (verifier, judging) in pairs:
-                if args.messages:
-                    proposing, judging = (ChangedMessages(each, args.messages) for each in (proposing, judging))
-                measures = asdict(measure(env, proposing, judging, seed=args.seed))
-                result = {
-                    "proposer": proposer,
-                    "verifier": verifier,
-                    "configuration": settings.configuration,
-                    "protocol": settings.protocol,
-                    "corpus": str(settings.corpus),
-                    "split": settings.split,
-                    "seed": args.seed,
-                    "actions": actions,
-                    "messages": args.messages,
-                    "success": measures.pop("success_rate"),
-                    "remark": _remark(proposer, verifier, agents),
-                    **measures,
-                }
-                results.append(result)
-                rows.append(row_of(result))
-                progress.advance()
+            played = list(
+                pair_results(settings, pairs, agents, progress, args.seed, actions=actions, messages=args.messages)
+            )
+            results += played
+            rows = [row_of(result) for result in played]
             changed = f", messages {args.messages}" if args.messages else ""
             tables.append(
                 f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}, {actions}"
@@ -96,6 +79,57 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
         _write_csv(table_file, results)
         print(f"results: {args.out}, {table_file}")
     return 0
+
+
+def pair_results(
+    settings: GameSettings,
+    pairs: Sequence[tuple[Player, Player]],
+    agents: Mapping[Path, Agent],
+    progress: Progress,
+    seed: int = 0,
+    *,
+    actions: str = GREEDY,
+    messages: str | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Plays a game with each pair; yields its measures with what was played, as `--out` writes them."""
+    env = BaseGameEnv(**vars(settings))
+    for (proposer, proposing), (verifier, judging) in pairs:
+        if messages:
+            proposing, judging = (ChangedMessages(each, messages) for each in (proposing, judging))
+        measures = asdict(measure(env, proposing, judging, seed=seed))
+        progress.advance()
+        yield {
+            "proposer": proposer,
+            "verifier": verifier,
+            "configuration": settings.configuration,
+            "protocol": settings.protocol,
+            "corpus": str(settings.corpus),
+            "split": settings.split,
+            "seed": seed,
+            "actions": actions,
+            "messages": messages,
+            "success": measures.pop("success_rate"),
+            "remark": _remark(proposer, verifier, agents),
+            **measures,
+        }
+
+
+def results_for_report(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
+    """Plays each run with every other of the same game, and with the scripted partners that `evaluate` takes.
+
+    Every task of dev is played once, with the most probable actions.
+    """
+    names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
+    own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
+    groups = grouped((repr([_compared(game, name) for name in names]), path) for path, game in own.items())
+    games: list[tuple[GameSettings, list[tuple[Player, Player]]]] = []
+    for paths in groups.values():
+        settings = replace(own[paths[0]], split="dev")
+        runs = {str(path) for path in paths}
+        pairs = _pairs(settings, {path: agents[path] for path in paths}, all_pairs=True, sampled=False)
+        games.append((settings, [pair for pair in pairs if _is_needed(*pair, runs, others=True)]))
+    with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
+        return [result for settings, pairs in games for result in pair_results(settings, pairs, agents, progress)]
 
 
 def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
@@ -169,13 +203,15 @@ def _pairs(
         sides[-1] += [(name, partner) for name, partner in scripted.items() if name not in left_out]
     runs = {str(path) for path in agents}
     pairs = product(sides[0], sides[1])
-    return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]
+    return [pair for pair in pairs if all_pairs or not agents or _is_needed(*pair, runs)]
 
 
-def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
-    if proposer not in runs:
-        return verifier in runs and proposer in ("expert", "expert-deceptive", BUILDER)
-    return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
+def _is_needed(proposer: Player, verifier: Player, runs: set[str], *, others: bool = False) -> bool:
+    """`others`: whether runs play with one another, too."""
+    first, second = proposer[0], verifier[0]
+    if first not in runs:
+        return second in runs and first in ("expert", "expert-deceptive", BUILDER)
+    return second in (first, "oracle", TARGET_ONLY, GUIDE) or (others and second in runs)
 
 
 def row_of(result: Mapping[str, Any]) -> dict[str, str]:

@@ -192,3 +192,21 @@ def test_runs__that_saw_other_views_play_together(runs: dict[str, Any], capsys: 
     assert "message_size {'proposer_0': 0, 'verifier_0': 13} and {'proposer_0': 0, 'verifier_0': 4}" in found
     assert main(["evaluate", "a", "--views", "guide"]) == 2
     assert "a sees what it learned with; leave --views out" in capsys.readouterr().err
+
+
+def test_report__plays_the_pairs_of_game_runs_in_its_paths(
+    tmp_path: Path, own: str, runs: dict[str, Any], capsys: pytest.CaptureFixture[str]
+):
+    for name in ("a", "b"):
+        directory = tmp_path / "runs" / name
+        directory.mkdir(parents=True)
+        (directory / "run.json").write_text(json.dumps({"identity": {"learner": "game"}}))
+        (directory / "agent.safetensors").touch()
+        runs[str(directory)] = Trained(own, "audit" if name == "a" else "veto")
+    assert main(["report", str(tmp_path / "runs"), "--out", str(tmp_path / "report")]) == 0
+    files = {path.name for path in (tmp_path / "report" / "tables").glob("*.csv")}
+    assert len(files) == 4  # a matrix and a table of pairs for each game
+    (matrix,) = (tmp_path / "report" / "tables").glob("*success*audit*.csv")
+    with matrix.open(newline="") as table:
+        proposers = {row["proposer"] for row in csv.DictReader(table)}
+    assert proposers == {str(tmp_path / "runs" / "a"), "expert", "expert-deceptive"}

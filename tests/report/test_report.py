@@ -29,7 +29,7 @@ from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, 
 from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
-from lilgym_mp.contrib.report.report_data import PlayedElsewhere, load_report_data
+from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
@@ -161,17 +161,7 @@ def test_summary__is_three_sentences_on_the_best_trained_agent(tmp_path: Path):
     first, second, third = summary(load_report_data([tmp_path]))
     assert re.fullmatch(r"\S.* solves .* on dev\.", first)
     assert second.startswith(("The second of", "No other"))
-    assert re.search(r"fails [\d,]+ times, \d+ % of them by: .*\.|never fails\.", third)
-
-
-def test_table_2__has_rows_of_games_and_language_models(tmp_path: Path):
-    write_example(tmp_path)
-    data = load_report_data([tmp_path])
-    place = data.entries[0].configuration, data.entries[0].split
-    row = PlayedElsewhere("proposer and verifier", "rewards", "greedy", 3, {place: certain(50.0)})
-    (made,) = table_2(replace(data, elsewhere=(row,)))
-    (shown,) = (cells for cells in made.texts() if cells[0] == "proposer and verifier ‡")
-    assert any(cell.startswith("50") for cell in shown)
+    assert third == "Of the episodes that sampler fails, 100 % end with a wrong STOP."
 
 
 def test_failures__link_to_play_and_watch(tmp_path: Path):
@@ -413,3 +403,51 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
         invalid = mean_where(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
+
+
+def game_result(proposer: str, verifier: str, success: float, **changes: Any) -> dict[str, Any]:
+    """A pair of agents as `lilgym-mp evaluate --out` writes it, in part."""
+    return {
+        "proposer": proposer,
+        "verifier": verifier,
+        "configuration": "ScatterFlipIt",
+        "protocol": "veto",
+        "corpus": "builtin",
+        "split": "dev",
+        "actions": "greedy",
+        "messages": None,
+        "success": success,
+        "success_interval": [success - 0.1, success + 0.1],
+        "j": None,
+        "j_interval": None,
+        "games": 200,
+        "accepted_false_claims": 0.25,
+        "remark": "",
+        **changes,
+    }
+
+
+def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path: Path):
+    other = game_result("a", "b", 0.3, remark="trained with other views", j=0.5, j_interval=[0.4, 0.6])
+    (tmp_path / "games.json").write_text(json.dumps({"results": [game_result("a", "a", 0.5), other]}))
+    data = load_report_data([tmp_path / "games.json"], [game_result("expert", "a", 0.7)])
+    ((matrix, measures),) = chapters(data).values()
+    assert isinstance(matrix, Table)
+    assert isinstance(measures, Table)
+    assert matrix.columns == ("proposer", "a", "b")
+    assert matrix.texts() == [["expert", "70.0 [60.0, 80.0]", "–"], ["a", "50.0 [40.0, 60.0]", "30.0 [20.0, 40.0]"]]
+    assert "a with b: trained with other views." in matrix.note
+    numbers = ["200", "30.0 [20.0, 40.0]", "50.0 [40.0, 60.0]", "25.0"]
+    assert measures.texts()[2] == ["a", "b", *numbers, "trained with other views"]
+    page = make_report([tmp_path / "games.json"], tmp_path / "report").read_text()
+    assert "Success (%), ScatterFlipIt, veto, dev, builtin, greedy actions" in page
+
+
+def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path: Path):
+    write_example(tmp_path)
+    games = [game_result("runs/a", "runs/a", 0.5), game_result("random", "random", 0.0)]
+    (made,), (without,) = (table_2(load_report_data([tmp_path], given)) for given in (games, []))
+    (shown,) = (cells for cells in made.texts() if cells[0].endswith("‡"))
+    assert shown[0] == "runs/a ‡"
+    assert "50 [40, 60]" in shown
+    assert ("‡" in made.note, "‡" in without.note) == (True, False)

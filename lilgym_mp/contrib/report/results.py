@@ -39,8 +39,14 @@ BASIS = "Runs behind the numbers"
 PAPER_NOTE = (
     f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Supervision is"
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
-    f" corpus: no mask. Rows marked {ELSEWHERE} were not recorded: games and language models."
+    " corpus: no mask."
 )
+ELSEWHERE_NOTE = f" Rows marked {ELSEWHERE} have no recordings: they are games of a run's two agents."
+ENDINGS = {
+    "wrong_stop": "end with a wrong STOP",
+    "invalid_action": "end with an invalid action",
+    "horizon": "run out of steps",
+}  # of episodes, in sentences
 
 
 def summary(data: ReportData) -> list[str]:
@@ -58,13 +64,13 @@ def summary(data: ReportData) -> list[str]:
     else:
         sentences.append("No other trained agent was recorded.")
     episodes = [episode for entry in _of(data, best) for run in entry.runs for episode in run.episodes]
-    failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
+    failed = Counter(episode.outcome for episode in episodes if not episode.is_success)
     if failed:
         outcome, count = failed.most_common(1)[0]
-        share = 100 * count / failed.total()
-        sentences.append(f"{best} fails {failed.total():,} times, {share:.0f} % of them by: {outcome}.")
+        ending = ENDINGS.get(outcome, f"end as “{outcome_words(outcome)}”")
+        sentences.append(f"Of the episodes that {best} fails, {100 * count / failed.total():.0f} % {ending}.")
     else:
-        sentences.append(f"{best} never fails.")
+        sentences.append(f"{best} solves every episode.")
     return sentences
 
 
@@ -106,7 +112,8 @@ def table_2(data: ReportData) -> Iterator[Item]:
         rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
     heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
     columns = ("agent", "supervision", "actions", "runs", *heads)
-    yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, PAPER_NOTE)
+    note = PAPER_NOTE + (ELSEWHERE_NOTE if data.elsewhere else "")
+    yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, note)
 
 
 def figure_3(data: ReportData) -> Iterator[Item]:
@@ -130,8 +137,10 @@ def basis(data: ReportData) -> Iterator[Item]:
     """Runs, seeds, episodes and training of every row of the report."""
     note = (
         "Episodes: one per start scene and pass of each run."
-        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
+        " Tasks: the first digits of the SHA-256 of the file that they come from."
     )
+    if any(entry.commits for entry in data.results):
+        note += " Commit: of the code that played."
     columns = (
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
