@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -62,9 +62,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     tables: list[str] = []
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
-            played = list(
-                pair_results(settings, pairs, agents, progress, args.seed, actions=actions, messages=args.messages)
-            )
+            played = _played(settings, pairs, agents, progress, args.seed, actions=actions, messages=args.messages)
             results += played
             rows = [row_of(result) for result in played]
             changed = f", messages {args.messages}" if args.messages else ""
@@ -81,7 +79,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     return 0
 
 
-def pair_results(
+def _played(
     settings: GameSettings,
     pairs: Sequence[tuple[Player, Player]],
     agents: Mapping[Path, Agent],
@@ -90,15 +88,16 @@ def pair_results(
     *,
     actions: str = GREEDY,
     messages: str | None = None,
-) -> Iterator[dict[str, Any]]:
-    """Plays a game with each pair; yields its measures with what was played, as `--out` writes them."""
+) -> list[dict[str, Any]]:
+    """The measures of a game with each pair, and what was played."""
     env = BaseGameEnv(**vars(settings))
+    results: list[dict[str, Any]] = []
     for (proposer, proposing), (verifier, judging) in pairs:
         if messages:
             proposing, judging = (ChangedMessages(each, messages) for each in (proposing, judging))
         measures = asdict(measure(env, proposing, judging, seed=seed))
         progress.advance()
-        yield {
+        result = {
             "proposer": proposer,
             "verifier": verifier,
             "configuration": settings.configuration,
@@ -112,24 +111,23 @@ def pair_results(
             "remark": _remark(proposer, verifier, agents),
             **measures,
         }
+        results.append(result)
+    return results
 
 
-def results_for_report(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
-    """Plays each run with every other of the same game, and with the scripted partners that `evaluate` takes.
-
-    Every task of dev is played once, with the most probable actions.
-    """
+def play_on_dev(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
+    """The results of each run with every other of its game, and with scripted partners, by most probable actions."""
     names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
+    results: list[dict[str, Any]] = []
     groups = grouped((repr([_compared(game, name) for name in names]), path) for path, game in own.items())
-    games: list[tuple[GameSettings, list[tuple[Player, Player]]]] = []
     for paths in groups.values():
         settings = replace(own[paths[0]], split="dev")
-        runs = {str(path) for path in paths}
-        pairs = _pairs(settings, {path: agents[path] for path in paths}, all_pairs=True, sampled=False)
-        games.append((settings, [pair for pair in pairs if _is_needed(*pair, runs, others=True)]))
-    with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
-        return [result for settings, pairs in games for result in pair_results(settings, pairs, agents, progress)]
+        found = _pairs(settings, {path: agents[path] for path in paths}, all_pairs=True, sampled=False)
+        pairs = [pair for pair in found if {Path(pair[0][0]), Path(pair[1][0])} & set(paths)]
+        with Progress(len(pairs), "pairs") as progress:
+            results += _played(settings, pairs, agents, progress)
+    return results
 
 
 def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
@@ -203,15 +201,13 @@ def _pairs(
         sides[-1] += [(name, partner) for name, partner in scripted.items() if name not in left_out]
     runs = {str(path) for path in agents}
     pairs = product(sides[0], sides[1])
-    return [pair for pair in pairs if all_pairs or not agents or _is_needed(*pair, runs)]
+    return [pair for pair in pairs if all_pairs or not agents or _is_needed(pair[0][0], pair[1][0], runs)]
 
 
-def _is_needed(proposer: Player, verifier: Player, runs: set[str], *, others: bool = False) -> bool:
-    """`others`: whether runs play with one another, too."""
-    first, second = proposer[0], verifier[0]
-    if first not in runs:
-        return second in runs and first in ("expert", "expert-deceptive", BUILDER)
-    return second in (first, "oracle", TARGET_ONLY, GUIDE) or (others and second in runs)
+def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
+    if proposer not in runs:
+        return verifier in runs and proposer in ("expert", "expert-deceptive", BUILDER)
+    return verifier in (proposer, "oracle", TARGET_ONLY, GUIDE)
 
 
 def row_of(result: Mapping[str, Any]) -> dict[str, str]:

@@ -8,9 +8,10 @@ play on dev, each with every other and with scripted partners; results that `eva
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+
+from lilgym_mp.evaluation.files import write_json
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -33,13 +34,13 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.report.writing import check_output
 
     check_output(args.out)
-    runs = game_runs(args.paths)
-    print(f"report: {make_report(args.paths, args.out, _played(runs) if runs else ())}")
+    with TemporaryDirectory() as directory:
+        paths = list(args.paths)
+        if runs := game_runs(paths):
+            from lilgym_mp.cli.evaluate_game import play_on_dev
+            from lilgym_mp.learning.common.agents import open_agent
+
+            paths.append(Path(directory, "games.json"))
+            write_json(paths[-1], {"results": play_on_dev({run: open_agent(run, "cpu") for run in runs})})
+        print(f"report: {make_report(paths, args.out)}")
     return 0
-
-
-def _played(runs: Sequence[Path]) -> list[dict[str, Any]]:
-    from lilgym_mp.cli.evaluate_game import results_for_report
-    from lilgym_mp.learning.common.agents import open_agent
-
-    return results_for_report({run: open_agent(run, "cpu") for run in runs})

@@ -405,48 +405,51 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
 
 
-def game_result(proposer: str, verifier: str, success: float, **changes: Any) -> dict[str, Any]:
-    """A pair of agents as `lilgym-mp evaluate --out` writes it, in part."""
-    return {
-        "proposer": proposer,
-        "verifier": verifier,
-        "configuration": "ScatterFlipIt",
-        "protocol": "veto",
-        "corpus": "builtin",
-        "split": "dev",
-        "actions": "greedy",
-        "messages": None,
-        "success": success,
-        "success_interval": [success - 0.1, success + 0.1],
-        "j": None,
-        "j_interval": None,
-        "games": 200,
-        "accepted_false_claims": 0.25,
-        "remark": "",
-        **changes,
-    }
+def written_games(path: Path, *pairs: tuple[str, str, float, str]) -> Path:
+    """Results of games as `lilgym-mp evaluate --out` writes them, in part: both agents, success and remark."""
+    shared = {"configuration": "ScatterFlipIt", "protocol": "veto", "corpus": "builtin", "split": "dev"}
+    results = [
+        {
+            **shared,
+            "actions": "greedy",
+            "messages": None,
+            "proposer": proposer,
+            "verifier": verifier,
+            "success": success,
+            "success_interval": [success - 0.1, success + 0.1],
+            "games": 200,
+            "remark": remark,
+        }
+        for proposer, verifier, success, remark in pairs
+    ]
+    path.write_text(json.dumps({"results": results}))
+    return path
 
 
 def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path: Path):
-    other = game_result("a", "b", 0.3, remark="trained with other views", j=0.5, j_interval=[0.4, 0.6])
-    (tmp_path / "games.json").write_text(json.dumps({"results": [game_result("a", "a", 0.5), other]}))
-    data = load_report_data([tmp_path / "games.json"], [game_result("expert", "a", 0.7)])
-    ((matrix, measures),) = chapters(data).values()
+    pairs = ("a", "a", 0.5, ""), ("a", "b", 0.3, "trained with other views"), ("expert", "a", 0.7, "")
+    file = written_games(tmp_path / "games.json", *pairs)
+    ((matrix,),) = chapters(load_report_data([file])).values()
     assert isinstance(matrix, Table)
-    assert isinstance(measures, Table)
     assert matrix.columns == ("proposer", "a", "b")
-    assert matrix.texts() == [["expert", "70.0 [60.0, 80.0]", "–"], ["a", "50.0 [40.0, 60.0]", "30.0 [20.0, 40.0]"]]
+    assert matrix.texts() == [["a", "50.0 [40.0, 60.0]", "30.0 [20.0, 40.0]"], ["expert", "70.0 [60.0, 80.0]", "–"]]
     assert "a with b: trained with other views." in matrix.note
-    numbers = ["200", "30.0 [20.0, 40.0]", "50.0 [40.0, 60.0]", "25.0"]
-    assert measures.texts()[2] == ["a", "b", *numbers, "trained with other views"]
-    page = make_report([tmp_path / "games.json"], tmp_path / "report").read_text()
-    assert "Success (%), ScatterFlipIt, veto, dev, builtin, greedy actions" in page
+    page = make_report([file], tmp_path / "report").read_text()
+    assert "Success (%), ScatterFlipIt, veto, dev, builtin, greedy" in page
+
+
+def test_games__another_json_file_is_refused_by_name(tmp_path: Path):
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(
+        ReportError, match=r"other\.json: not results of games, which `lilgym-mp evaluate --out` writes"
+    ):
+        load_report_data([tmp_path / "other.json"])
 
 
 def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path: Path):
     write_example(tmp_path)
-    games = [game_result("runs/a", "runs/a", 0.5), game_result("random", "random", 0.0)]
-    (made,), (without,) = (table_2(load_report_data([tmp_path], given)) for given in (games, []))
+    games = written_games(tmp_path / "games.json", ("runs/a", "runs/a", 0.5, ""), ("random", "random", 0.0, ""))
+    (made,), (without,) = (table_2(load_report_data(paths)) for paths in ([tmp_path, games], [tmp_path]))
     (shown,) = (cells for cells in made.texts() if cells[0].endswith("‡"))
     assert shown[0] == "runs/a ‡"
     assert "50 [40, 60]" in shown

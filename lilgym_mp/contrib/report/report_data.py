@@ -10,9 +10,8 @@ from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.contrib.report.charts import Looks
-from lilgym_mp.contrib.report.games import PlayedPair, read_pair, read_results
+from lilgym_mp.contrib.report.games import Result, read_results
 from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
@@ -28,7 +27,6 @@ from lilgym_mp.scene.grouping import grouped
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
-RESULTS_SUFFIX = ".json"  # of results that `evaluate --out` writes
 ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
 
@@ -68,24 +66,12 @@ class TrainingCurve:
 
 
 @dataclass(frozen=True)
-class PlayedElsewhere:
-    """A row of Table 2 that has no recordings: both agents of a run of the game."""
-
-    agent: str
-    supervision: str
-    actions: str
-    runs: int
-    accuracies: Mapping[tuple[str, str], MeanStd]  # by configuration and split, in percent
-
-
-@dataclass(frozen=True)
 class ReportData:
     """Everything that a report is made from."""
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    elsewhere: tuple[PlayedElsewhere, ...] = ()
-    games: tuple[PlayedPair, ...] = ()
+    games: tuple[Result, ...] = ()
 
     @property
     def header(self) -> Header:
@@ -144,23 +130,22 @@ class ReportData:
         return next((entry for entry in self.of(configuration, split) if entry.agent == agent), None)
 
 
-def load_report_data(paths: Sequence[Path], games: Sequence[Mapping[str, Any]] = ()) -> ReportData:
+def load_report_data(paths: Sequence[Path]) -> ReportData:
     """Loads all episodes and training curves in the paths, of which directories are searched recursively.
 
     Episodes are in recordings, runs of `lilgym-mp llm play` and, if they are named, databases of the web server.
-    `games`: results of pairs in the two-agent game, beside those in the JSON files that are named.
+    Results of games are in JSON files that are named.
 
     Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
     damaged file.
     """
     files = list(dict.fromkeys(file for path in paths for file in _files(path)))
     try:
-        of_files = [result for path in paths if path.suffix == RESULTS_SUFFIX for result in read_results(path)]
+        games = tuple(result for path in paths if path.suffix == ".json" for result in read_results(path))
     except ValueError as error:
         raise ReportError(str(error)) from None
-    played = tuple(map(read_pair, [*games, *of_files]))
-    if not files and played:
-        return ReportData((), (), games=played)
+    if not files and games:
+        return ReportData((), (), games=games)
     if not files:
         raise ReportError(
             f"no recorded episodes (*{SUFFIX}) in {', '.join(map(str, paths))};"
@@ -175,22 +160,14 @@ def load_report_data(paths: Sequence[Path], games: Sequence[Mapping[str, Any]] =
     _check_comparable(recordings)
     progress = (file for path in paths if path.is_dir() for file in sorted(path.rglob(PROGRESS_FILE)))
     curves = tuple(_curve(file.parent) for file in progress if file.with_name(RUN_FILE).exists())
-    return ReportData(tuple(_entries(recordings)), curves, tuple(_both_agents(played, recordings[0])), played)
-
-
-def _both_agents(played: Sequence[PlayedPair], recording: Recording) -> Iterator[PlayedElsewhere]:
-    """Rows of Table 2 for runs of the game on the corpus of the recordings."""
-    corpus = str(recording.header.settings.corpus)
-    rows = grouped(((pair.proposer, pair.actions), pair) for pair in played if pair.is_run and pair.key[2] == corpus)
-    for (name, actions), pairs in rows.items():
-        yield PlayedElsewhere(name, "both agents", actions, 1, {pair.key[:2]: pair.success for pair in pairs})
+    return ReportData(tuple(_entries(recordings)), curves, games)
 
 
 def _files(path: Path) -> list[Path]:
     if not path.exists():
         raise ReportError(f"{path}: there is no such file or directory")
     if not path.is_dir():
-        return [] if path.suffix == RESULTS_SUFFIX else [path]
+        return [] if path.suffix == ".json" else [path]
     runs = (file.parent for file in path.rglob(TRANSCRIPTS))
     return sorted([*path.rglob(f"*{SUFFIX}"), *filter(is_conversation_run, runs)])
 

@@ -19,6 +19,7 @@ from lilgym_mp.contrib.report.aggregation import (
     paired_difference,
 )
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
+from lilgym_mp.contrib.report.games import is_of_run, success
 from lilgym_mp.contrib.report.items import PUBLISHED, Cell, Chart, Item, table
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, shows_phenomenon
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -26,6 +27,7 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, outcome_words
 from lilgym_mp.evaluation.results import rounded
+from lilgym_mp.scene.grouping import grouped
 
 Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
@@ -103,16 +105,17 @@ def table_2(data: ReportData) -> Iterator[Item]:
         runs = max(len(entry.runs) for entry in found if entry is not None)
         accuracies = [entry and accuracy_where(entry.runs) for entry in found]
         rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
-    for other in data.elsewhere:
-        cells = [other.accuracies.get(place) for place in played]
-        rows.append([f"{other.agent} {ELSEWHERE}", other.supervision, other.actions, other.runs, *cells])
+    games = [game for game in data.games if is_of_run(game) and game["corpus"] == str(data.header.settings.corpus)]
+    for (agent, actions), those in grouped(((game["proposer"], game["actions"]), game) for game in games).items():
+        own = {(game["configuration"], game["split"]): success(game) for game in those}
+        rows.append([f"{agent} {ELSEWHERE}", "rewards of the game", actions, 1, *map(own.get, played)])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
         rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
     heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
     columns = ("agent", "supervision", "actions", "runs", *heads)
-    note = PAPER_NOTE + (ELSEWHERE_NOTE if data.elsewhere else "")
+    note = PAPER_NOTE + (ELSEWHERE_NOTE if games else "")
     yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, note)
 
 

@@ -34,23 +34,20 @@ TABLES = "tables"
 
 def chapters(data: ReportData) -> dict[str, list[Item]]:
     """The items by heading; without recordings, those of games alone."""
-    made = {
-        heading: [item for make in sections for item in make(data)]
-        for heading, sections in (CHAPTERS.items() if data.entries else ())
-    }
+    chosen = CHAPTERS if data.entries else {}
+    made = {heading: [item for make in sections for item in make(data)] for heading, sections in chosen.items()}
     return {**made, "Two agents": list(games.pairs(data.games))} if data.games else made
 
 
-def make_report(paths: Sequence[Path], directory: Path, pairs: Sequence[Mapping[str, Any]] = ()) -> Path:
+def make_report(paths: Sequence[Path], directory: Path) -> Path:
     """Writes a report on all recordings in the paths; returns the path of its page. Same input, same bytes.
 
-    `pairs`: results of the two-agent game, as `lilgym-mp evaluate --out` writes them, beside those in the paths. An
-    earlier report in the directory is replaced. Raises ReportError or EpisodesError for unusable recordings,
+    An earlier report in the directory is replaced. Raises ReportError or EpisodesError for unusable recordings,
     OutputError if the directory holds anything else.
     """
     template = _template()
     check_output(directory)
-    data = load_report_data(paths, pairs)
+    data = load_report_data(paths)
     made = chapters(data)
     target = directory.absolute()
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
@@ -92,25 +89,20 @@ def _template() -> Any:
 def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]], template: Any) -> None:
     for name in (FIGURES, TABLES):
         (directory / name).mkdir()
-    title, subtitle, summary = _head(data)
+    corpus, summary, subtitle = "two agents", "", f"Pairs of agents: {len(data.games)}."
+    if data.entries:
+        settings, summary = data.header.settings, " ".join(results.summary(data))
+        corpus = f"{settings.corpus} corpus"
+        counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
+        places = f"configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)}"
+        subtitle = f"{counts}; {places}; rules {settings.rules}."
     page = template.render(
-        title=title,
+        title=f"lilGym results, {corpus}",
         subtitle=subtitle,
         summary=summary,
         chapters=[(heading, [_write_item(directory, item) for item in items]) for heading, items in made.items()],
     )
     (directory / PAGE_FILE).write_text(page, encoding="utf-8")
-
-
-def _head(data: ReportData) -> tuple[str, str, str]:
-    """Title, subtitle and summary of the page."""
-    if not data.entries:
-        return "lilGym results, two-agent game", f"Pairs of agents: {len(data.games)}.", ""
-    settings = data.header.settings
-    counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
-    places = f"configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)}"
-    summary = " ".join(results.summary(data))
-    return f"lilGym results, {settings.corpus} corpus", f"{counts}; {places}; rules {settings.rules}.", summary
 
 
 def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
