@@ -872,24 +872,24 @@ def test_beat__the_address_names_the_opponent(browser: Any, tmp_path: Path):
     pytest.importorskip("torch")
     with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.goto("/beat?seed=7&agent=shipped:imitation-tower")
+        page.goto("/beat?seed=7&agent=agent:imitation-tower")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
-        assert page.input_value("#setup [name=agent]") == "shipped:imitation-tower"
-        assert "agent=shipped%3Aimitation-tower" in page.url
-        page.select_option("#setup [name=agent]", "shipped:ppo-tower")
-        page.wait_for_url("**agent=shipped%3Appo-tower")
+        assert page.input_value("#setup [name=agent]") == "agent:imitation-tower"
+        assert "agent=agent%3Aimitation-tower" in page.url
+        page.select_option("#setup [name=agent]", "agent:ppo-tower")
+        page.wait_for_url("**agent=agent%3Appo-tower")
         _assert_clean(watched)
 
 
 def test_statement_without_a_program__is_explored_and_annotated(browser: Any, tmp_path: Path):
     blue, pair, _ = small_entries()
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
-    with served(tmp_path, corpus=str(tmp_path / "open.jsonl")) as (url, _):
-        with watched_page(browser, url=url) as watched:
-            page = watched.page
-            page.goto("/explore/tower/train/blue")
-            page.wait_for_selector("article:has-text('The statement is true here.')")
-            page.click("text=None yet, so it is not played: write one")
-            page.wait_for_selector("#scenes figure:has-text('Here the statement is true.')")
-            assert page.inner_text("#statement") == "Blue is here."
-            _assert_clean(watched)
+    options = {"corpus": str(tmp_path / "open.jsonl")}
+    with served(tmp_path, **options) as (url, _), watched_page(browser, url=url) as watched:
+        page = watched.page
+        page.goto("/explore/tower/train/blue")
+        page.wait_for_selector("article:has-text('The statement is true here.')")
+        page.click("text=None yet, so it is not played: write one")
+        page.wait_for_selector("#scenes figure:has-text('Here the statement is true.')")
+        assert page.inner_text("#statement") == "Blue is here."
+        _assert_clean(watched)

@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from functools import lru_cache
 from random import Random
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
@@ -14,14 +14,11 @@ from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, RandomId, SplitName
 from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
-from lilgym_mp.contrib.web.runs import PARSER
+from lilgym_mp.contrib.web.runs import PARSER, FoundFile
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
 from lilgym_mp.scene import Scene
-
-if TYPE_CHECKING:
-    from lilgym_mp.learning.common.agents import Agent
 
 router = APIRouter()
 api = APIRouter(prefix="/api/beat", tags=["beat"])
@@ -94,31 +91,31 @@ def _name(services: AppServices, agent: str) -> str:
 
 def _rows(services: AppServices, ids: Sequence[str], agent: str) -> list[Row]:
     loaded = [load_episode(services, each) for each in ids]
-    opponent = services.runs.agent(agent) if agent != PARSER or agent in services.runs.agents() else None
-    return [_row(services, each, opponent) for each in loaded if each.over]
+    return [_row(services, each, agent) for each in loaded if each.over]
 
 
-def _row(services: AppServices, loaded: LoadedEpisode, opponent: Agent | None) -> Row:
+def _row(services: AppServices, loaded: LoadedEpisode, agent: str) -> Row:
     row, task = loaded.row, loaded.task
     solved = row.outcome == "success" and not row.shown_solution
-    others = _others(services, opponent, row.configuration, row.split, task.id)
+    file = services.runs.file_of(agent)
+    others = _others(services, agent, file, row.configuration, row.split, task.id)
     return Row(task.statement, task.target, loaded.state.scene, len(row.actions) if solved else None, *others)
 
 
 @lru_cache(1_000)
 def _others(
-    services: AppServices, opponent: Agent | None, configuration: str, split: str, task_id: str
+    services: AppServices, agent: str, file: FoundFile | None, configuration: str, split: str, task_id: str
 ) -> tuple[int | None, int | None]:
-    """The actions with which the agent solves a task, and of a shortest solution."""
-    agent = None
-    if opponent is not None:
-        settings = services.settings(configuration)
+    """The actions with which the agent, of this file, solves a task, and of a shortest solution."""
+    solved = None
+    if agent != PARSER or agent in services.runs.agents():
+        settings, opponent = services.settings(configuration), services.runs.agent(agent)
         plays = opponent.description.configurations
         if configuration not in plays:
             raise HTTPException(422, f"this agent plays {', '.join(plays)}, not {configuration}; choose another")
         (played,) = evaluate(opponent.policy(settings), settings, split, task_ids=[task_id])
-        agent = len(played.actions) if played.is_success else None
-    return agent, services.shortest(configuration, services.tasks(configuration, split).by_id(task_id))
+        solved = len(played.actions) if played.is_success else None
+    return solved, services.shortest(configuration, services.tasks(configuration, split).by_id(task_id))
 
 
 def _told(rows: Sequence[Row], agent: str, player: str = "You") -> tuple[str, str]:
