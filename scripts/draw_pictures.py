@@ -65,6 +65,7 @@ LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
+    "game_guide.gif": "python scripts/draw_guide_film.py BUILDER GUIDE, with runs as in docs/game_experiments.md",
     "llm_curve.png": "a chart of what examples/finetune_language_model.py and train_language_model.py --out write",
     "sb3_curve.png": "a chart of evaluations on official dev during examples/train_masked_ppo.py, three seeds",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",

@@ -14,6 +14,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).resolve().parent.parent
 OUTSIDE = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"}  # page: file at the root
 SHIM_URL, SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"  # lets search work in local files
+_INTERVAL = re.compile(r"\[([-+−]?\d+\.\d+), ([-+−]?\d+\.\d+)\](?!\()")  # must not break within brackets
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -82,7 +83,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
             return f"{label}({posixpath.relpath(site_page, posixpath.dirname(page.file.src_uri) or '.')}{anchor})"
         return f"{label[1:-1]} (`{path}`)"
 
-    return _LINK.sub(relinked, markdown)
+    return _LINK.sub(relinked, _INTERVAL.sub("[\\1,\u00a0\\2]", markdown))
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:

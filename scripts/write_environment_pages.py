@@ -123,8 +123,7 @@ def _introduction(table: str) -> Iterator[str]:
         "Two appearances, Tower and Scatter, each with two kinds of start, make four configurations. In Scratch, every "
         "episode starts with three empty boxes, and the target is `True`. In FlipIt, it starts with a scene from the "
         "corpus, and the target is the opposite of the statement's truth value there. `reset` draws a start scene "
-        "uniformly, so a statement with four scenes comes up four times as often as one with one. With the builtin "
-        "corpus:"
+        "uniformly, not a statement. With the builtin corpus:"
     )
     yield table
     yield (
@@ -144,7 +143,7 @@ def _opening(settings: Sequence[Settings]) -> Iterator[str]:
     for one in settings:
         yield _film(one.configuration)
     yield (
-        "The included agent `parse-and-plan` plays tasks that it was not trained on. With `render_cells=True`, frames "
+        "The included `parse-and-plan` plays tasks new to it. With `render_cells=True`, frames "
         f"{'name the boxes' if settings[0].dynamics().appearance.grid is None else 'show the grid'}:"
     )
     for one in settings:

@@ -204,7 +204,7 @@ def _permute(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.split)))
+    rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.split, needs_tasks=False)))
     _write(args, rows)
     print(f"{len(rows):,} tasks")
     return 0

@@ -23,6 +23,7 @@ from lilgym_mp.evaluation.game_partners import (
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
@@ -59,40 +60,71 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
     tables: list[str] = []
     with Progress(sum(len(pairs) for *_, pairs in games), "pairs") as progress:
         for settings, actions, pairs in games:
-            env = BaseGameEnv(**vars(settings))
-            first = len(results)
-            for (proposer, proposing), (verifier, judging) in pairs:
-                if args.messages:
-                    proposing, judging = (ChangedMessages(each, args.messages) for each in (proposing, judging))
-                measures = asdict(measure(env, proposing, judging, seed=args.seed))
-                result = {
-                    "proposer": proposer,
-                    "verifier": verifier,
-                    "configuration": settings.configuration,
-                    "protocol": settings.protocol,
-                    "corpus": str(settings.corpus),
-                    "split": settings.split,
-                    "seed": args.seed,
-                    "actions": actions,
-                    "messages": args.messages,
-                    "success": measures.pop("success_rate"),
-                    "remark": _remark(proposer, verifier, agents),
-                    **measures,
-                }
-                results.append(result)
-                progress.advance()
+            played = _played(settings, pairs, agents, progress, args.seed, actions=actions, messages=args.messages)
+            results += played
             changed = f", messages {args.messages}" if args.messages else ""
             tables.append(
                 f"{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}, {actions}"
                 f" actions{changed}\n"
             )
-            tables.append(games_table(results[first:]))
+            tables.append(games_table(played))
     print("", *tables, LEGEND, sep="\n")
     if args.out is not None and table_file is not None:
         write_json(args.out, {"results": results})
         _write_csv(table_file, results)
         print(f"results: {args.out}, {table_file}")
     return 0
+
+
+def _played(
+    settings: GameSettings,
+    pairs: Sequence[tuple[Player, Player]],
+    agents: Mapping[Path, Agent],
+    progress: Progress,
+    seed: int = 0,
+    *,
+    actions: str = GREEDY,
+    messages: str | None = None,
+) -> list[dict[str, Any]]:
+    """The measures of a game with each pair, and what was played."""
+    env = BaseGameEnv(**vars(settings))
+    results: list[dict[str, Any]] = []
+    for (proposer, proposing), (verifier, judging) in pairs:
+        if messages:
+            proposing, judging = (ChangedMessages(each, messages) for each in (proposing, judging))
+        measures = asdict(measure(env, proposing, judging, seed=seed))
+        progress.advance()
+        result = {
+            "proposer": proposer,
+            "verifier": verifier,
+            "configuration": settings.configuration,
+            "protocol": settings.protocol,
+            "corpus": str(settings.corpus),
+            "split": settings.split,
+            "seed": seed,
+            "actions": actions,
+            "messages": messages,
+            "success": measures.pop("success_rate"),
+            "remark": _remark(proposer, verifier, agents),
+            **measures,
+        }
+        results.append(result)
+    return results
+
+
+def play_on_dev(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
+    """The results of each run with every other of its game, and with scripted partners, by most probable actions."""
+    names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
+    own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
+    results: list[dict[str, Any]] = []
+    groups = grouped((repr([_compared(game, name) for name in names]), path) for path, game in own.items())
+    for paths in groups.values():
+        settings = replace(own[paths[0]], split="dev")
+        found = _pairs(settings, {path: agents[path] for path in paths}, all_pairs=True, sampled=False)
+        pairs = [pair for pair in found if {Path(pair[0][0]), Path(pair[1][0])} & set(paths)]
+        with Progress(len(pairs), "pairs") as progress:
+            results += _played(settings, pairs, agents, progress)
+    return results
 
 
 def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:

@@ -23,6 +23,7 @@ class TaskCount(NamedTuple):
     split: str
     tasks: int
     contexts: int
+    without_program: int = 0  # start scenes, or statements of Scratch, without a program
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +43,9 @@ class CorpusReport:
     def __str__(self) -> str:
         counts = [
             f"{count.appearance} {count.start} {count.split}: {count.tasks} tasks, {count.contexts} contexts"
+            + (f"; {count.without_program} without a program, not played" if count.without_program else "")
             for count in self.counts
-            if count.tasks
+            if count.tasks or count.without_program
         ]
         absent = [f"missing: {name}" for name in self.absent_files]
         faults = [f"fault: {fault}" for fault in self.faults] or ["no faults"]
@@ -81,8 +83,9 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
             if not any(source.records.values()) and len(faults) == faults_before:
                 faults.append(Fault(str(file), "has no entries"))
             for configuration, records in source.records.items():
-                tasks = list(readers[configuration[0]].tasks(records))
-                counts.append(TaskCount(*configuration, len(tasks), contexts(tasks)))
+                found = list(readers[configuration[0]].tasks(records))
+                tasks = [task for task in found if task.program]
+                counts.append(TaskCount(*configuration, len(tasks), contexts(tasks), len(found) - len(tasks)))
         return CorpusReport(str(path), tuple(dict.fromkeys(faults)), tuple(counts), tuple(absent))
 
 

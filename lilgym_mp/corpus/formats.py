@@ -30,10 +30,10 @@ from lilgym_mp.scene.choices import choose, listed
 FORMAT = "lilgym_mp-corpus"
 VERSION = 1
 HEADER_KEYS = frozenset({"format", "version", "name"})
-ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "program", "starts"})
+ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "starts"})
 START_KEYS = frozenset({"id", "label", "scene"})
 SECTIONS = "sections"  # header key of the builtin file: {"tower train": number of entries, ...} in file order
-TAGS = "tags"  # optional entry key
+PROGRAM, TAGS = "program", "tags"  # optional entry keys
 LENIENT_APPEARANCE = "scatter"  # of entries of an unknown one: its scenes may be those of any
 
 Configuration = tuple[str, str, str]  # appearance, start and split
@@ -115,7 +115,7 @@ def _add_entries(
             continue
         where = f"{line_where}, entry {entry['id']!r}" if isinstance(entry.get("id"), str) else line_where
         faults_before = len(faults)
-        checked(faults, where, _check_keys, "an entry", entry, ENTRY_KEYS, TAGS)
+        checked(faults, where, _check_keys, "an entry", entry, ENTRY_KEYS, (PROGRAM, TAGS))
         structure = {
             key: checked(faults, where, check, key, entry[key]) for key, check in CHECKS.items() if key in entry
         }
@@ -134,8 +134,9 @@ def _add_entries(
 
 def _records(where: str, entry: Mapping[str, Any], faults: list[Fault]) -> tuple[Record, list[Record]]:
     """The Scratch task of an entry, and its FlipIt tasks, of those starts that are well formed."""
-    name, statement, program = map(entry.get, ("id", "statement", "program"))
-    scratch = Record(where, where, name, statement, program, tags=tuple(entry.get(TAGS, ())))
+    name, statement, program = map(entry.get, ("id", "statement", PROGRAM))
+    tags = tuple(entry.get(TAGS, ()))
+    scratch = Record(where, where, name, statement, program, tags=tags, has_program=program is not None)
     flipit = scratch._replace(is_flipit=True)
     starts: list[Record] = []
     for start in entry["starts"]:
@@ -167,9 +168,9 @@ def _tags(key: str, value: object) -> tuple[str, ...]:
     return tuple(map(str, tags))
 
 
-def _check_keys(what: str, record: Mapping[str, object], keys: Collection[str], may_have: str = "") -> bool:
-    if set(record) - {may_have} != set(keys):
-        also = f", and may have {may_have}" if may_have else ""
+def _check_keys(what: str, record: Mapping[str, object], keys: Collection[str], optional: Collection[str] = ()) -> bool:
+    if set(record) - set(optional) != set(keys):
+        also = f", and may have {listed(optional)}" if optional else ""
         raise ValueError(f"{what} has keys {listed(record)}; it must have {listed(keys)}{also}")
     return True
 

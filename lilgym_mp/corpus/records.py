@@ -35,6 +35,7 @@ class Record(NamedTuple):
     scene: object = None  # the released `structured_rep`
     is_flipit: bool = False
     is_valid: bool = True  # whether the rest of its entry is
+    has_program: bool = True
     tags: tuple[str, ...] = ()  # annotations of the statement by the corpus's authors
 
 

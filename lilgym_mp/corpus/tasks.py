@@ -43,12 +43,14 @@ class TaskSet(Sequence[Task]):
     Args:
         tasks: The tasks; their ids must differ.
         provenance: Where they come from.
+        without_program: What the corpus has for statements without a program: to be shown and annotated, not played.
     """
 
-    __slots__ = ("_indices", "_tasks", "provenance")
+    __slots__ = ("_indices", "_tasks", "provenance", "without_program")
 
-    def __init__(self, tasks: Iterable[Task], provenance: Provenance) -> None:
+    def __init__(self, tasks: Iterable[Task], provenance: Provenance, without_program: Iterable[Task] = ()) -> None:
         self._tasks = tuple(tasks)
+        self.without_program = tuple(without_program)
         self._indices = {task.id: index for index, task in enumerate(self._tasks)}
         self.provenance = provenance
 
@@ -82,6 +84,8 @@ class TaskSet(Sequence[Task]):
             with suppress(TypeError):
                 name = str(operator.index(name))
         index = self._indices.get(name) if isinstance(name, str) else None
+        if index is None and any(task.id == name for task in self.without_program):
+            raise ValueError(f"task {name!r} has no program: it can be shown and annotated, but not played")
         if index is None:
             close = get_close_matches(str(task_id)[:MAX_ID_SEARCHED], self.ids, n=3, cutoff=0.5) or self.ids[:3]
             raise ValueError(f"no task {task_id!r} in {self.provenance}; existing ids include {', '.join(close)}")
@@ -130,7 +134,10 @@ class TaskReader:
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
     def tasks(self, records: Iterable[Record], *, trusted: bool = False) -> Iterator[Task]:
-        """The tasks of the valid records. `trusted`: their programs are known to be valid and are not compiled."""
+        """The tasks of the valid records; the program of those without one is "".
+
+        `trusted`: their programs are known to be valid and are not compiled.
+        """
         found = (self._task(record, trusted=trusted) for record in records)
         return (task for task in found if task is not None)
 
@@ -139,8 +146,9 @@ class TaskReader:
         where = record.where
         name = checked(faults, where, check_text, "id", record.id)
         statement = checked(faults, record.entry, check_prose, "statement", record.statement)
-        source = checked(faults, record.entry, check_prose, "program", record.program)
-        program = None if source is None or trusted else self._program(source, record.entry)
+        source = "" if not record.has_program else checked(faults, record.entry, check_prose, "program", record.program)
+        program = None if not source or trusted else self._program(source, record.entry)
+        is_known = program is not None or trusted or not record.has_program
         start = self._empty
         label = False
         if record.is_flipit:
@@ -148,7 +156,8 @@ class TaskReader:
             start = checked(faults, where, self._scene, record.scene)
             if program is not None and start is not None:
                 label = checked(faults, where, self._agreed, program, start, label)
-        if record.is_valid and name and statement and source and (program or trusted) and start and label is not None:
+        has_texts = name and statement and source is not None
+        if record.is_valid and has_texts and is_known and start and label is not None:
             return Task(name, intern(statement), intern(source), not label, start, tags=record.tags)
         return None
 

@@ -85,17 +85,17 @@ def write_lines(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
 
 
 def task_rows(sets: Iterable[TaskSet]) -> Iterator[dict[str, object]]:
-    """A row for each task of the sets, Scratch and FlipIt alike, with the same keys and types."""
+    """A row for each task of the sets, Scratch and FlipIt alike, with the same keys; a missing program is null."""
     for tasks in sets:
         origin = tasks.provenance
-        for task in tasks:
+        for task in (*tasks, *tasks.without_program):
             yield {
                 "id": task.id,
                 "appearance": origin.appearance,
                 "start": origin.start,
                 "split": origin.split,
                 "statement": task.statement,
-                "program": task.program,
+                "program": task.program or None,
                 "target": task.target,
                 "tags": list(task.tags),
                 "scene": task.start.to_json(),

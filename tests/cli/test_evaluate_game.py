@@ -15,6 +15,7 @@ from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
+from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
 from tests.corpora import write_own_corpus
 
 
@@ -192,3 +193,21 @@ def test_runs__that_saw_other_views_play_together(runs: dict[str, Any], capsys: 
     assert "message_size {'proposer_0': 0, 'verifier_0': 13} and {'proposer_0': 0, 'verifier_0': 4}" in found
     assert main(["evaluate", "a", "--views", "guide"]) == 2
     assert "a sees what it learned with; leave --views out" in capsys.readouterr().err
+
+
+def test_report__plays_the_pairs_of_game_runs_in_its_paths(tmp_path: Path, own: str, runs: dict[str, Any]):
+    for name, protocol in (("a", "audit"), ("b", "veto")):
+        directory = tmp_path / "runs" / name
+        directory.mkdir(parents=True)
+        run = {"format": FORMAT, "version": VERSION, "identity": {"learner": "game"}, "made": {}}
+        (directory / "run.json").write_text(json.dumps(run))
+        (directory / "agent.safetensors").touch()
+        runs[str(directory)] = Trained(own, protocol)
+    assert main(["report", str(tmp_path / "runs"), "--out", str(tmp_path / "report")]) == 0
+    (matrix,) = (tmp_path / "report" / "tables").glob("*success*audit*.csv")
+    with matrix.open(newline="") as table:
+        rows = {row["proposer"]: row for row in csv.DictReader(table)}
+    run = str(tmp_path / "runs" / "a")
+    assert rows[run]["oracle low"] != ""
+    assert rows["expert"][f"{run} mean"] != ""
+    assert len(list((tmp_path / "report" / "tables").glob("*.csv"))) == 2  # a matrix for each game

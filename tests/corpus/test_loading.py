@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import CorpusError, TaskSet, contexts, load_tasks, official_directory
+from lilgym_mp.corpus import CorpusError, NoTasksError, TaskSet, check_corpus, contexts, load_tasks, official_directory
 from lilgym_mp.corpus.notes import note_after
+from lilgym_mp.corpus.writing import task_rows
 from lilgym_mp.scene import Colour, Scene
 
 Entries = list[dict[str, Any]]
@@ -145,3 +146,34 @@ def test_load__says_what_it_waits_for(
     with pytest.raises(AttributeError):
         load_tasks(path, "tower", "scratch", "train")
     assert capsys.readouterr().err == f"loading corpus {path} ...\n"
+
+
+@pytest.mark.parametrize("change", [{"program": None}, "leave out"])
+def test_entry_without_a_program__is_read_and_exported_but_not_played(
+    entries: Entries, written: Writer, capsys: pytest.CaptureFixture[str], change: Any
+):
+    open_entry = {**entries[0]}
+    if change == "leave out":
+        del open_entry["program"]
+    else:
+        open_entry |= change
+    path = written([open_entry, *entries[1:]])
+    tasks = load_tasks(path, "tower", "flipit", "train")
+    assert tasks.ids == ("pair-no",)
+    assert [(task.id, task.program, task.target) for task in tasks.without_program] == [
+        ("blue-yes", "", False),
+        ("blue-no", "", True),
+    ]
+    with pytest.raises(ValueError, match="'blue-yes' has no program: it can be shown and annotated, but not played"):
+        tasks.by_id("blue-yes")
+    said = f"{path}: 1 statements of tower train have no program: they are neither played nor scored\n"
+    assert capsys.readouterr().err == said
+    report = check_corpus(path)
+    assert report.ok
+    assert "tower flipit train: 1 tasks, 1 contexts; 2 without a program, not played" in str(report)
+    rows = list(task_rows([tasks]))
+    assert [(row["id"], row["program"]) for row in rows[1:]] == [("blue-yes", None), ("blue-no", None)]
+    path = written([open_entry])
+    with pytest.raises(NoTasksError, match="has no tasks for"):
+        load_tasks(path, "tower", "flipit", "train")
+    assert len(load_tasks(path, "tower", "flipit", "train", needs_tasks=False).without_program) == 2

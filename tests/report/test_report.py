@@ -30,7 +30,7 @@ from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, li
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
 from lilgym_mp.contrib.report.report_data import load_report_data
-from lilgym_mp.contrib.report.results import paired_tests, summary
+from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
@@ -161,7 +161,7 @@ def test_summary__is_three_sentences_on_the_best_trained_agent(tmp_path: Path):
     first, second, third = summary(load_report_data([tmp_path]))
     assert re.fullmatch(r"\S.* solves .* on dev\.", first)
     assert second.startswith(("The second of", "No other"))
-    assert re.search(r"fails [\d,]+ times, \d+ % of them by: .*\.|never fails\.", third)
+    assert third == "Of the episodes that sampler fails, 100 % end with a wrong STOP."
 
 
 def test_failures__link_to_play_and_watch(tmp_path: Path):
@@ -403,3 +403,54 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
         invalid = mean_where(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
+
+
+def written_games(path: Path, *pairs: tuple[str, str, float, str]) -> Path:
+    """Results of games as `lilgym-mp evaluate --out` writes them, in part: both agents, success and remark."""
+    shared = {"configuration": "ScatterFlipIt", "protocol": "veto", "corpus": "builtin", "split": "dev"}
+    results = [
+        {
+            **shared,
+            "actions": "greedy",
+            "messages": None,
+            "proposer": proposer,
+            "verifier": verifier,
+            "success": success,
+            "success_interval": [success - 0.1, success + 0.1],
+            "games": 200,
+            "remark": remark,
+        }
+        for proposer, verifier, success, remark in pairs
+    ]
+    path.write_text(json.dumps({"results": results}))
+    return path
+
+
+def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path: Path):
+    pairs = ("a", "a", 0.5, ""), ("a", "b", 0.3, "trained with other views"), ("expert", "a", 0.7, "")
+    file = written_games(tmp_path / "games.json", *pairs)
+    ((matrix,),) = chapters(load_report_data([file])).values()
+    assert isinstance(matrix, Table)
+    assert matrix.columns == ("proposer", "a", "b")
+    assert matrix.texts() == [["a", "50.0 [40.0, 60.0]", "30.0 [20.0, 40.0]"], ["expert", "70.0 [60.0, 80.0]", "–"]]
+    assert "a with b: trained with other views." in matrix.note
+    page = make_report([file], tmp_path / "report").read_text()
+    assert "Success (%), ScatterFlipIt, veto, dev, builtin, greedy" in page
+
+
+def test_games__another_json_file_is_refused_by_name(tmp_path: Path):
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(
+        ReportError, match=r"other\.json: not results of games, which `lilgym-mp evaluate --out` writes"
+    ):
+        load_report_data([tmp_path / "other.json"])
+
+
+def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path: Path):
+    write_example(tmp_path)
+    games = written_games(tmp_path / "games.json", ("runs/a", "runs/a", 0.5, ""), ("random", "random", 0.0, ""))
+    (made,), (without,) = (table_2(load_report_data(paths)) for paths in ([tmp_path, games], [tmp_path]))
+    (shown,) = (cells for cells in made.texts() if cells[0].endswith("‡"))
+    assert shown[0] == "runs/a ‡"
+    assert "50 [40, 60]" in shown
+    assert ("‡" in made.note, "‡" in without.note) == (True, False)

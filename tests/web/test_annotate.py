@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.programs.words import WORDS
+from tests.corpora import small_entries
 from tests.stress.program_language import ATTACKS
-from tests.web.web_app import Browser
+from tests.web.web_app import Browser, server
 
 API = "/api/annotate"
 STATEMENT_ID = "tower-dev-001"
@@ -147,3 +149,24 @@ def test_annotation__posted_twice_is_one_row(browser: Browser):
     answers = [submit(browser, program, name=name) for name in ("Ada", "Ada", "Bea")]
     assert {answer.status_code for answer in answers} == {201}
     assert len(browser.get(f"{API}/annotations").text.splitlines()) == 2
+
+
+def test_statement_without_a_program__is_shown_and_annotated_by_the_labels_of_its_scenes(tmp_path: Path):
+    blue, pair, _ = small_entries()
+    entries = [{**blue, "program": None}, {**pair, "program": None, "starts": []}]
+    write_corpus(tmp_path / "open.jsonl", "open", "MIT", entries)
+    with server(tmp_path, corpus=str(tmp_path / "open.jsonl")) as app:
+        browser = Browser(app)
+        place = {"appearance": "tower", "split": "train"}
+        shown = browser.get("/api/explore/statement", params={**place, "statement_id": "blue"}).json()
+        assert shown["program"] is None
+        assert [scene["truth"] for scene in shown["scenes"]] == [None, True, False]
+        listed = browser.get(f"{API}/statements", params=place).json()
+        assert [each["id"] for each in listed] == ["blue", "pair"]
+        for name, program, status in (("blue", "exist(all_items)", 201), ("blue", "not exist(all_items)", 409)):
+            answer = browser.post(
+                f"{API}/annotations", {"program": program, "name": "Ada"}, params={**place, "statement_id": name}
+            )
+            assert answer.status_code == status
+        assert browser.get("/explore", params=place).status_code == 200
+        assert browser.get("/play").status_code == 200

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from tests.browser import Watched, axe_script, chromium, watched_page
-from tests.corpora import write_thin_corpus
+from tests.corpora import small_entries, write_thin_corpus
 from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
 from tests.web.web_app import server
 
@@ -866,3 +866,30 @@ def test_game__an_illegal_edit_is_refused_with_its_reason(page: Any):
     page.click("[data-choice=kind] [data-value=REMOVE]")
     page.click(".cells button[data-column='0']")
     page.wait_for_selector("#messages:has-text('there is no block to remove')")
+
+
+def test_beat__the_address_names_the_opponent(browser: Any, tmp_path: Path):
+    pytest.importorskip("torch")
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
+        page = watched.page
+        page.goto("/beat?seed=7&agent=agent:imitation-tower")
+        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+        assert page.input_value("#setup [name=agent]") == "agent:imitation-tower"
+        assert "agent=agent%3Aimitation-tower" in page.url
+        page.select_option("#setup [name=agent]", "agent:ppo-tower")
+        page.wait_for_url("**agent=agent%3Appo-tower")
+        _assert_clean(watched)
+
+
+def test_statement_without_a_program__is_explored_and_annotated(browser: Any, tmp_path: Path):
+    blue, pair, _ = small_entries()
+    write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
+    options = {"corpus": str(tmp_path / "open.jsonl")}
+    with served(tmp_path, **options) as (url, _), watched_page(browser, url=url) as watched:
+        page = watched.page
+        page.goto("/explore/tower/train/blue")
+        page.wait_for_selector("article:has-text('The statement is true here.')")
+        page.click("text=None yet, so it is not played: write one")
+        page.wait_for_selector("#scenes figure:has-text('Here the statement is true.')")
+        assert page.inner_text("#statement") == "Blue is here."
+        _assert_clean(watched)

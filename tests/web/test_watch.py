@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
@@ -250,3 +252,12 @@ def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path
     assert ("ppo-tower", "TowerFlipIt") in offered
     assert ("ppo-tower", "ScatterFlipIt") not in offered
     assert ("imitation-scatter", "ScatterScratch") in offered
+
+
+def test_film__of_an_episode_is_a_gif_with_a_frame_for_each_action(browser: Browser):
+    found_id = found(browser, "expert")["id"]
+    answer = browser.get(f"{API}/{found_id}/episodes/0/film")
+    assert answer.headers["content-type"] == "image/gif"
+    with Image.open(io.BytesIO(answer.content)) as picture:
+        steps = browser.get(f"{API}/{found_id}/episodes/0").json()["steps"]
+        assert getattr(picture, "n_frames", 1) == len(steps)

@@ -25,7 +25,7 @@ OnTurns = Callable[[str, Sequence[Turn]], None]  # called with a task and the tu
 
 
 class LanguagePartner(BatchPartner):
-    """A language model that plays one seat of all games of `play_games`; it is made anew for each.
+    """A language model that plays one seat of all games of `play_games`; a new one is made for each.
 
     A reply without a choice, as `Asking` has it, ends the game with that outcome; so does an illegal action, and a call
     that fails for good, with the outcome FAILED. `notes`: by episode, shared by the models of both seats; `words`: of

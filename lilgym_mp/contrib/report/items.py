@@ -35,6 +35,7 @@ LATEX = str.maketrans(
         "−": "$-$",
     }
 )
+LONGEST_NAME = 200  # characters; a path may be in a title
 FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
@@ -50,7 +51,7 @@ class Item:
     @property
     def name(self) -> str:
         """File name without suffix."""
-        return re.sub(r"[^a-z0-9]+", "-", f"{self.item} {self.title}".lower()).strip("-")
+        return re.sub(r"[^a-z0-9]+", "-", f"{self.item} {self.title}".lower()).strip("-")[:LONGEST_NAME]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.contrib.report.charts import Looks
+from lilgym_mp.contrib.report.games import Result, read_results
 from lilgym_mp.contrib.report.played import TRANSCRIPTS, conversations, is_conversation_run, people
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
@@ -70,6 +71,7 @@ class ReportData:
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
+    games: tuple[Result, ...] = ()
 
     @property
     def header(self) -> Header:
@@ -140,11 +142,18 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
     """Loads all episodes and training curves in the paths, of which directories are searched recursively.
 
     Episodes are in recordings, runs of `lilgym-mp llm play` and, if they are named, databases of the web server.
+    Results of games are in JSON files that are named.
 
     Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
     damaged file.
     """
     files = list(dict.fromkeys(file for path in paths for file in _files(path)))
+    try:
+        games = tuple(result for path in paths if path.suffix == ".json" for result in read_results(path))
+    except ValueError as error:
+        raise ReportError(str(error)) from None
+    if not files and games:
+        return ReportData((), (), games=games)
     if not files:
         raise ReportError(
             f"no recorded episodes (*{SUFFIX}) in {', '.join(map(str, paths))};"
@@ -158,14 +167,14 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
     _check_comparable(recordings)
     progress = (file for path in paths if path.is_dir() for file in sorted(path.rglob(PROGRESS_FILE)))
     curves = tuple(_curve(file.parent) for file in progress if file.with_name(RUN_FILE).exists())
-    return ReportData(tuple(_entries(recordings)), curves)
+    return ReportData(tuple(_entries(recordings)), curves, games)
 
 
 def _files(path: Path) -> list[Path]:
     if not path.exists():
         raise ReportError(f"{path}: there is no such file or directory")
     if not path.is_dir():
-        return [path]
+        return [] if path.suffix == ".json" else [path]
     runs = (file.parent for file in path.rglob(TRANSCRIPTS))
     return sorted([*path.rglob(f"*{SUFFIX}"), *filter(is_conversation_run, runs)])
 

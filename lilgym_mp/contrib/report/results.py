@@ -19,6 +19,7 @@ from lilgym_mp.contrib.report.aggregation import (
     paired_difference,
 )
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
+from lilgym_mp.contrib.report.games import is_of_run, success
 from lilgym_mp.contrib.report.items import PUBLISHED, Cell, Chart, Item, table
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, shows_phenomenon
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -26,6 +27,7 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, outcome_words
 from lilgym_mp.evaluation.results import rounded
+from lilgym_mp.scene.grouping import grouped
 
 Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
@@ -40,6 +42,13 @@ PAPER_NOTE = (
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
     " corpus: no mask."
 )
+ELSEWHERE = "‡"  # ends the name of an agent without recordings
+ELSEWHERE_NOTE = f" Rows marked {ELSEWHERE} have no recordings: they are games of a run's two agents."
+ENDINGS = {
+    "wrong_stop": "end with a wrong STOP",
+    "invalid_action": "end with an invalid action",
+    "horizon": "run out of steps",
+}  # of episodes, in sentences
 
 
 def summary(data: ReportData) -> list[str]:
@@ -58,13 +67,13 @@ def summary(data: ReportData) -> list[str]:
     else:
         sentences.append("No other trained agent was recorded.")
     episodes = [episode for entry in data.of_agent(best) for run in entry.runs for episode in run.episodes]
-    failed = Counter(outcome_words(episode.outcome) for episode in episodes if not episode.is_success)
+    failed = Counter(episode.outcome for episode in episodes if not episode.is_success)
     if failed:
         outcome, count = failed.most_common(1)[0]
-        share = 100 * count / failed.total()
-        sentences.append(f"{best} fails {failed.total():,} times, {share:.0f} % of them by: {outcome}.")
+        ending = ENDINGS.get(outcome, f"end as “{outcome_words(outcome)}”")
+        sentences.append(f"Of the episodes that {best} fails, {100 * count / failed.total():.0f} % {ending}.")
     else:
-        sentences.append(f"{best} never fails.")
+        sentences.append(f"{best} solves every episode.")
     return sentences
 
 
@@ -91,13 +100,18 @@ def table_2(data: ReportData) -> Iterator[Item]:
         runs = max(len(entry.runs) for entry in found if entry is not None)
         accuracies = [entry and accuracy_where(entry.runs) for entry in found]
         rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
+    games = [game for game in data.games if is_of_run(game) and game["corpus"] == str(data.header.settings.corpus)]
+    for (agent, actions), those in grouped(((game["proposer"], game["actions"]), game) for game in games).items():
+        own = {(game["configuration"], game["split"]): success(game) for game in those}
+        rows.append([f"{agent} {ELSEWHERE}", "rewards of the game", actions, 1, *map(own.get, played)])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
         rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
     heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
     columns = ("agent", "supervision", "actions", "runs", *heads)
-    yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, PAPER_NOTE)
+    note = PAPER_NOTE + (ELSEWHERE_NOTE if games else "")
+    yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, note)
 
 
 def figure_3(data: ReportData) -> Iterator[Item]:
@@ -121,8 +135,10 @@ def basis(data: ReportData) -> Iterator[Item]:
     """Runs, seeds, episodes and training of every row of the report."""
     note = (
         "Episodes: one per start scene and pass of each run."
-        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
+        " Tasks: the first digits of the SHA-256 of the file that they come from."
     )
+    if any(entry.commits for entry in data.results):
+        note += " Commit: of the code that played."
     columns = (
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),

@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report import behaviour, learning_curves, results
+from lilgym_mp.contrib.report import behaviour, games, learning_curves, results
 from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
@@ -33,8 +33,10 @@ TABLES = "tables"
 
 
 def chapters(data: ReportData) -> dict[str, list[Item]]:
-    """The items by heading."""
-    return {heading: [item for make in sections for item in make(data)] for heading, sections in CHAPTERS.items()}
+    """The items by heading; without recordings, those of games alone."""
+    chosen = CHAPTERS if data.entries else {}
+    made = {heading: [item for make in sections for item in make(data)] for heading, sections in chosen.items()}
+    return {**made, "Two agents": list(games.pairs(data.games))} if data.games else made
 
 
 def make_report(paths: Sequence[Path], directory: Path) -> Path:
@@ -87,13 +89,17 @@ def _template() -> Any:
 def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]], template: Any) -> None:
     for name in (FIGURES, TABLES):
         (directory / name).mkdir()
-    settings = data.header.settings
-    counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
+    corpus, summary, subtitle = "two agents", "", f"Pairs of agents: {len(data.games)}."
+    if data.entries:
+        settings, summary = data.header.settings, " ".join(results.summary(data))
+        corpus = f"{settings.corpus} corpus"
+        counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
+        places = f"configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)}"
+        subtitle = f"{counts}; {places}; rules {settings.rules}."
     page = template.render(
-        title=f"lilGym results, {settings.corpus} corpus",
-        subtitle=f"{counts}; configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)};"
-        f" rules {settings.rules}.",
-        summary=" ".join(results.summary(data)),
+        title=f"lilGym results, {corpus}",
+        subtitle=subtitle,
+        summary=summary,
         chapters=[(heading, [_write_item(directory, item) for item in items]) for heading, items in made.items()],
     )
     (directory / PAGE_FILE).write_text(page, encoding="utf-8")

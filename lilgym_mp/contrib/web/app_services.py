@@ -48,7 +48,7 @@ class AppServices:
     def __init__(self, options: ServeOptions) -> None:
         """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus or one without tasks."""
         self.corpus = options.corpus
-        next(load_all_tasks(self.corpus))
+        next(load_all_tasks(self.corpus, needs_tasks=False))
         self.database = Database(options.database)
         self.runs = Runs(options.runs)
         self.games = LiveGames()
@@ -78,9 +78,11 @@ class AppServices:
                 sizes.setdefault(configuration, {})[split] = count
         return sizes
 
-    def appearances(self) -> dict[str, str]:
-        """Texts of all appearances, by name; those without tasks say so."""
+    def appearances(self, *, needs_tasks: bool = True) -> dict[str, str]:
+        """Texts of all appearances, by name; those without tasks, or without statements, say so."""
         played = {CONFIGURATIONS[name][0] for name in self.sizes()}
+        if not needs_tasks:
+            played = {tasks.provenance.appearance for tasks in load_all_tasks(self.corpus, needs_tasks=False)}
         return {name: name + ("" if name in played else NOT_PLAYED) for name in APPEARANCES}
 
 

@@ -79,13 +79,17 @@ class Runs:
         shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
         return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._find(AGENT_FILE).values()}
 
+    def file_of(self, name: str) -> FoundFile | None:
+        """The model file of a run's agent; None for an included agent."""
+        return self._find(AGENT_FILE).get(name.removeprefix(RUN_PREFIX))
+
     def plays(self, name: str) -> tuple[str, ...]:
         """The configurations that an agent plays alone; an agent of the game, or a damaged file, plays none."""
         from lilgym_mp.learning.common.agents import agent_file
         from lilgym_mp.learning.common.learners import find_learner
         from lilgym_mp.learning.common.model_file import read_description
 
-        file = self._find(AGENT_FILE).get(name.removeprefix(RUN_PREFIX))
+        file = self.file_of(name)
         with suppress(ValueError):
             shipped = Path(name.removeprefix(SHIPPED_PREFIX))
             description = read_description(agent_file(shipped) if file is None else file.path)
@@ -109,7 +113,7 @@ class Runs:
         if name not in self.agents():
             raise HTTPException(404, "there is no such agent; reload the page to see the current ones")
         with refusing():
-            file = self._find(AGENT_FILE).get(name.removeprefix(RUN_PREFIX))
+            file = self.file_of(name)
             return self._agent(name, file)
 
     def _load(self, name: str, file: FoundFile | None) -> Agent:

@@ -180,7 +180,7 @@ class GameEngine:
         proposal = self.games.state(0).proposal
         if proposal is not None:
             chosen = {PROPOSER: self.game.encode_action(PROPOSER, proposal), **chosen}
-        return ";  ".join(f"{AGENTS[role]}: {self.game.describe(role, action)}" for role, action in chosen.items())
+        return ";  ".join(f"{role.name.lower()}: {self.game.describe(role, action)}" for role, action in chosen.items())
 
     def observe(self, role: Role) -> AgentObservation:
         """One agent's observation, new arrays. Raises as `state`."""
@@ -209,7 +209,8 @@ class GameEngine:
         ]
         if outcome is not None:
             proposer_reward, verifier_reward = self.games.rewards[:, 0].tolist()
-            lines.append(f"{outcome}, rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}")
+            said = outcome.replace("_", " ").replace("stop", "STOP")
+            lines.append(f"{said}, rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}")
         return None if self._renderer is None else self._renderer.render(mdp.scene, lines)
 
     def close(self) -> None:

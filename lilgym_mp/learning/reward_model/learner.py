@@ -16,7 +16,7 @@ from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
 
 @dataclass(frozen=True, slots=True)
 class RewardModelRecipe(Recipe):
-    """A model of rewards, and search with it (docs/reward_model.md); docs/lab/index.md has ablations."""
+    """A model of rewards, and search with it (docs/reward_model.md)."""
 
     width: int = setting(64, "network width; a multiple of 4", 4)
     counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")

@@ -130,7 +130,7 @@ def test_render__shows_the_last_actions():
     game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
     shown = game.render()
     assert isinstance(shown, str)
-    assert "proposer_0: ADD(LEFT, BLUE);  verifier_0: continue" in shown
+    assert "proposer: ADD(LEFT, BLUE);  verifier: continue" in shown
     assert "continues, rewards -0.1 and -0.1" in shown
 
 
@@ -139,7 +139,7 @@ def test_render__shows_an_answer_with_the_proposal_that_it_answers():
     game.reset(seed=0)
     game.step(ADD_BLUE)
     game.step(game.unwrapped.read_action(VERIFIER, "accept"))
-    assert "proposer_0: ADD(LEFT, BLUE);  verifier_0: accept" in str(game.render())
+    assert "proposer: ADD(LEFT, BLUE);  verifier: accept" in str(game.render())
 
 
 def test_parallel__allows_only_wait_out_of_turn_and_reports_illegal_choices():

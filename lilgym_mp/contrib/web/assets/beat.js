@@ -1,12 +1,13 @@
-// /beat: ten tasks on the board of /play, which an agent plays too. The URL's query names the tasks, so that somebody
-// else can play the same ones; the state of the tab's history names the episodes begun.
+// /beat: ten tasks on the board of /play, which an agent plays too. The URL's query names them, for somebody else.
 
 let tasks = []; // ids
-let begun = []; // ids of episodes
+let begun = []; // ids of episodes, also in the state of the tab's history
+
+const opponent = () => (setup.agent ? { agent: setup.agent.value } : {});
 
 /** Draws the tasks that the seed determines. */
 async function drawTasks(seed) {
-  const query = queryOf({ configuration: setup.configuration.value, split: setup.split.value, seed });
+  const query = queryOf({ configuration: setup.configuration.value, split: setup.split.value, seed, ...opponent() });
   tasks = (await request("GET", `/api/beat/tasks?${query}`)).tasks;
   begun = [];
   history.replaceState(null, "", `?${query}`);
@@ -16,7 +17,7 @@ async function drawTasks(seed) {
 }
 
 async function showScore() {
-  const query = queryOf(begun.map((id) => ["episode", id]));
+  const query = queryOf([...begun.map((id) => ["episode", id]), ...Object.entries(opponent())]);
   const { rows, verdict, summary } = await request("GET", `/api/beat/round?${query}`);
   const cell = (actions) => element("td", { class: "number" }, actions === null ? "–" : String(actions));
   const line = (row) => element("tr", {}, element("td", {}, row.statement), cell(row.you), cell(row.agent), cell(row.shortest));
@@ -46,6 +47,7 @@ page.ended = showScore;
 page.start = async () => {
   const kept = history.state || [];
   choose(Object.fromEntries(asked));
+  if (setup.agent && asked.has("agent")) select(setup.agent, asked.get("agent"));
   await drawTasks(asked.get("seed") || randomSeed());
   const last = kept.length && (await request("GET", `/api/play/episodes/${kept.at(-1)}`).catch(() => null));
   if (!last) return page.next(false);

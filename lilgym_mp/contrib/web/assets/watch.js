@@ -246,6 +246,7 @@ async function openEpisode(index, initialStep = 0, focuses = false) {
   byId("sides").replaceChildren(...sides.map((side) => side.root));
   byId("sides").classList.toggle("two", sides.length > 1);
   byId("viewer").hidden = false;
+  byId("film").href = url(`/api/watch/recordings/${recording.id}/episodes/${index}/film`);
   for (const button of byId("episodes").querySelectorAll("button")) {
     button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
   }

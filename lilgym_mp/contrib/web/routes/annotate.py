@@ -53,9 +53,9 @@ class LabelledScenes(NamedTuple):
 
 
 def get_scenes(found: FoundStatement) -> LabelledScenes:
-    """Responds with 404 if there is no such statement, or it has no FlipIt scenes."""
-    scenes = [(task.start, task.truth(task.start)) for start, task in found.tasks if start == FLIPIT]
-    if not scenes:
+    """Responds with 404 if there is no such statement, or it has a program but no FlipIt scenes."""
+    scenes = [(task.start, not task.target) for start, task in found.tasks if start == FLIPIT]
+    if found.program and not scenes:
         raise HTTPException(404, f"the statement {found.id!r} has no FlipIt scenes; choose another")
     middle = (len(scenes) + 1) // 2
     return LabelledScenes(found, scenes[:middle], scenes[middle:])
@@ -68,7 +68,7 @@ Scenes = Annotated[LabelledScenes, Depends(get_scenes)]
 def annotate_page(request: Request, services: Services) -> Response:
     """The page on which visitors write programs for statements."""
     words = [word._asdict() for word in vocabulary()]
-    return render_page(request, "annotate.html", appearances=services.appearances(), words=words)
+    return render_page(request, "annotate.html", appearances=services.appearances(needs_tasks=False), words=words)
 
 
 @api.post("/check")
@@ -85,14 +85,17 @@ def check(text: ProgramBody) -> JSON:
 def statements(
     services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev", name: Name = ""
 ) -> list[JSON]:
-    """The statements with FlipIt scenes, and whether the annotator called `name` has an accepted program for each."""
+    """The statements with FlipIt scenes or without a program.
+
+    Each says whether the annotator called `name` has an accepted program for it.
+    """
     done = "SELECT statement_id FROM annotations WHERE corpus=? AND appearance=? AND split=? AND name=? AND accepted"
     with services.database.read() as connection:
         ids = {row[0] for row in connection.execute(done, (services.corpus, appearance, split, name.strip()))}
     return [
         {**pick(statement, "id", "statement"), "done": statement.id in ids}
         for statement in list_statements(services, appearance, split)
-        if any(start == FLIPIT for start, _ in statement.tasks)
+        if not statement.program or any(start == FLIPIT for start, _ in statement.tasks)
     ]
 
 

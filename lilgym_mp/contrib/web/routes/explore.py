@@ -10,9 +10,9 @@ from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
 from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import render_page
-from lilgym_mp.corpus import NoTasksError, words
+from lilgym_mp.corpus import NoTasksError, load_tasks, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
-from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.envs.registration import CONFIGURATIONS, configuration_name
 from lilgym_mp.programs.task import Task
 
 router = APIRouter()
@@ -33,7 +33,7 @@ def explore_page(
     first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
 ) -> Response:
     """Statements that contain the text, also in the program or as the whole id, by default of the first appearance."""
-    appearances = services.appearances()
+    appearances = services.appearances(needs_tasks=False)
     appearance = appearance or next(name for name, text in appearances.items() if name == text)
     needle = text.lower()
     found = [
@@ -54,7 +54,7 @@ def explore_page(
 
 
 class CorpusStatement(NamedTuple):
-    """A statement and program of the corpus, with its tasks."""
+    """A statement of the corpus with its program ("": none) and tasks."""
 
     appearance: str
     split: str
@@ -88,7 +88,8 @@ def statement_page(request: Request, found: FoundStatement) -> Response:
 def statement(found: FoundStatement, services: Services) -> JSON:
     """A statement with its program, scenes and solutions."""
     return {
-        **pick(found, "id", "statement", "program"),
+        **pick(found, "id", "statement"),
+        "program": found.program or None,
         "scenes": [
             _scene(services, configuration_name(found.appearance, start), task)
             for start, task in found.tasks[:MAX_SCENES]
@@ -108,10 +109,10 @@ def list_statements(services: AppServices, appearance: str, split: str) -> tuple
     found: dict[tuple[str, str], CorpusStatement] = {}
     for start in (SCRATCH, FLIPIT):
         try:
-            tasks = services.tasks(configuration_name(appearance, start), split)
+            tasks = load_tasks(services.corpus, appearance, start, split, needs_tasks=False)
         except NoTasksError:
             continue
-        for task in tasks:
+        for task in (*tasks, *tasks.without_program):
             said, program = task.statement, task.program
             new = CorpusStatement(appearance, split, task.id, said, program, len(words(said)), [])
             found.setdefault((said, program), new).tasks.append((start, task))
@@ -121,7 +122,18 @@ def list_statements(services: AppServices, appearance: str, split: str) -> tuple
 
 
 def _scene(services: AppServices, configuration: str, task: Task) -> JSON:
-    """A start scene, and the number of actions of a shortest solution, if one is found."""
+    """A start scene, and the number of actions of a shortest solution, if one is found.
+
+    Without a program, the truth is the scene's label, null for the empty scene.
+    """
+    if not task.program:
+        is_labelled = CONFIGURATIONS[configuration][1] == FLIPIT
+        return {
+            "configuration": configuration,
+            "task_id": task.id,
+            "truth": not task.target if is_labelled else None,
+            "scene": scene_body(task.start),
+        }
     return {
         "configuration": configuration,
         "task_id": task.id,

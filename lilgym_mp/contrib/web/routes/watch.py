@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pathlib
 import secrets
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from random import Random
+from tempfile import TemporaryDirectory
 from threading import Lock
 from typing import Annotated
 
@@ -21,6 +23,7 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import Header, Recording
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, scenes
+from lilgym_mp.evaluation.film import episode_frames, film_frames
 from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
@@ -145,6 +148,17 @@ def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
     """The start scene of an episode, as a PNG image."""
     found = _find_episode(services.runs.read(recording_id), index)
     return Response(png(found.start), media_type="image/png")
+
+
+@api.get("/recordings/{recording_id}/episodes/{index}/film", response_class=Response)
+def film(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> Response:
+    """An episode as an animated GIF. Responds with 422 if its task is not there."""
+    recording = services.runs.read(recording_id)
+    found, header = _find_episode(recording, index), recording.header
+    with refusing(), TemporaryDirectory() as directory:
+        path = pathlib.Path(directory, "film.gif")
+        film_frames(path, [list(episode_frames(header.settings.make(header.split), found))], columns=1)
+        return Response(path.read_bytes(), media_type="image/gif")
 
 
 def _find_episode(recording: Recording, index: int) -> Episode:
