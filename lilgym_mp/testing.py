@@ -35,9 +35,11 @@ from lilgym_mp.envs.observation import row_of
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import BatchedGames
 
-# Of actions: STOP, and any at all; the others are legal
+# Of actions: STOP, any at all, and one of the last legal ones, which are REMOVEs; the others are legal
 STOP_SHARE = 0.1
 ANY_SHARE = 0.1
+LAST_SHARE = 0.2
+LAST = 9  # actions
 SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode"}  # entries that SB3 adds
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
 
@@ -55,6 +57,7 @@ class Event(NamedTuple):
     action: Any = None
     mask: Any = None  # before the action
     goal: Any = None  # whether STOP would succeed, before the action
+    state: Any = None  # before the action
 
     @property
     def ends(self) -> bool:
@@ -175,6 +178,7 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
     for _ in range(steps):
         masks = [copy.copy(mask) for mask in player.masks()]
         goals = player.goals()
+        states = player.states()
         waiting = [history[-1].ends for history in histories]  # NEXT_STEP: for a reset, which ignores the action
         actions = [
             history[-1].action if waits else _choose(player.action_space, mask, generator)
@@ -182,7 +186,9 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
         ]
         for env_id, events in enumerate(player.step(actions, waiting)):
             if not waiting[env_id]:
-                events[0] = events[0]._replace(action=actions[env_id], mask=masks[env_id], goal=goals[env_id])
+                events[0] = events[0]._replace(
+                    action=actions[env_id], mask=masks[env_id], goal=goals[env_id], state=states[env_id]
+                )
             histories[env_id] += events
             copies[env_id] += [copy.deepcopy(event.observation) for event in events]
     for history, observations in zip(histories, copies, strict=True):
@@ -200,7 +206,12 @@ def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
     kind = generator.random()
     if kind < STOP_SHARE:
         return 0
-    return int(generator.integers(space.n) if kind < STOP_SHARE + ANY_SHARE else generator.choice(np.flatnonzero(mask)))
+    if kind < STOP_SHARE + ANY_SHARE:
+        return int(generator.integers(space.n))
+    legal = np.flatnonzero(mask)
+    if kind < STOP_SHARE + ANY_SHARE + LAST_SHARE:
+        legal = legal[-LAST:]
+    return int(generator.choice(legal))
 
 
 class _Player:
@@ -219,6 +230,9 @@ class _Player:
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]: ...
     def masks(self) -> Sequence[Any]: ...
     def goals(self) -> Sequence[Any]: ...
+
+    def states(self) -> Sequence[Any]:
+        return [None] * self.count
 
     def close(self) -> None:
         self.env.close()
@@ -272,6 +286,9 @@ class _Singles(_Player):
     def goals(self) -> Sequence[Any]:
         return [attribute(env, "goal_reached")() for env in self.envs]
 
+    def states(self) -> Sequence[Any]:
+        return [attribute(env, "state") for env in self.envs]
+
     def close(self) -> None:
         for env in self.envs:
             env.close()
@@ -320,6 +337,9 @@ class _Vector(_Player):
     def goals(self) -> Sequence[Any]:
         return attribute(self.env, "goal_reached")()
 
+    def states(self) -> Sequence[Any]:
+        return attribute(self.env, "states")()
+
 
 class _SB3(_Player):
     """A VecEnv of Stable-Baselines3."""
@@ -358,11 +378,15 @@ class _SB3(_Player):
     def goals(self) -> Sequence[Any]:
         return self.env.env_method("goal_reached")
 
+    def states(self) -> Sequence[Any]:
+        return self.env.get_attr("state")
+
 
 class _GamePlayer(_Player):
     """Games; actions, masks, rewards and infos are by agent."""
 
     last: list[Event]  # of each game
+    states = _Player.states
 
     def masks(self) -> Sequence[Any]:
         return [{agent: event.observation[agent]["action_mask"] for agent in self.action_space} for event in self.last]
