@@ -40,7 +40,7 @@ STOP_SHARE = 0.1
 ANY_SHARE = 0.1
 LAST_SHARE = 0.2
 LAST = 9  # actions
-SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode"}  # entries that SB3 adds
+SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode", "agent"}  # entries that VecEnvs add
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
 
 SingleEnv = gym.Env[Any, Any]
@@ -122,6 +122,12 @@ def check_sb3_env(make: Callable[[], Any], make_single: Callable[[], SingleEnv],
 
     _check_same_play(lambda: _SB3(make()), single, steps)
     list(_check_player(lambda: _SB3(make()), steps, exact_masks=False))
+
+
+def check_sb3_games(make: Callable[[], Any], make_single: Callable[[], SingleEnv], *, steps: int = 40) -> None:
+    """Checks Stable-Baselines3's VecEnvs of one seat of the game against `SingleAgentView`s."""
+    count = make().num_envs
+    _check_same_play(lambda: _SB3Seats(make()), lambda: _Seats([make_single() for _ in range(count)]), steps)
 
 
 def _as_in_sb3(event: Event) -> Event:
@@ -380,6 +386,27 @@ class _SB3(_Player):
 
     def states(self) -> Sequence[Any]:
         return self.env.get_attr("state")
+
+
+class _Seats(_Singles):
+    """Single-agent views of the game."""
+
+    def __init__(self, envs: list[Any]) -> None:
+        super().__init__(envs, _as_in_sb3)
+
+    def goals(self) -> Sequence[Any]:
+        return [None] * self.count
+
+    states = goals
+
+
+class _SB3Seats(_SB3):
+    """A VecEnv of one seat of the game."""
+
+    def _start(self, observations: Any, env_id: int) -> Event:
+        return Event(row_of(observations, env_id), None)
+
+    goals = states = _Seats.goals
 
 
 class _GamePlayer(_Player):

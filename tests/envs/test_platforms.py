@@ -18,10 +18,56 @@ from lilgym_mp.testing import assert_same
 PACKAGE = Path(lilgym_mp.__file__).parent
 TOWER = "lilgym_mp/TowerFlipIt-v0"
 POSIX = set(  # modules, and functions and constants of `os` and `signal`
-    "posix_fallocate register_at_fork sysconf sched_yield sched_getaffinity memfd_create MFD_CLOEXEC pidfd_open fork"
-    " forkpty O_CLOEXEC O_NONBLOCK getuid geteuid getgid nice getloadavg killpg setsid getpgid mkfifo pread pwrite"
-    " chown fchmod statvfs wait4 uname posix_spawn sched_setaffinity fchdir getpriority set_blocking pthread_sigmask"
-    " SIGKILL SIGALRM SIGHUP SIGUSR1 setitimer fcntl resource termios pwd grp readline syslog pty tty".split()
+    [
+        "posix_fallocate",
+        "register_at_fork",
+        "sysconf",
+        "sched_yield",
+        "sched_getaffinity",
+        "memfd_create",
+        "MFD_CLOEXEC",
+        "pidfd_open",
+        "fork",
+        "forkpty",
+        "O_CLOEXEC",
+        "O_NONBLOCK",
+        "getuid",
+        "geteuid",
+        "getgid",
+        "nice",
+        "getloadavg",
+        "killpg",
+        "setsid",
+        "getpgid",
+        "mkfifo",
+        "pread",
+        "pwrite",
+        "chown",
+        "fchmod",
+        "statvfs",
+        "wait4",
+        "uname",
+        "posix_spawn",
+        "sched_setaffinity",
+        "fchdir",
+        "getpriority",
+        "set_blocking",
+        "pthread_sigmask",
+        "SIGKILL",
+        "SIGALRM",
+        "SIGHUP",
+        "SIGUSR1",
+        "setitimer",
+        "fcntl",
+        "resource",
+        "termios",
+        "pwd",
+        "grp",
+        "readline",
+        "syslog",
+        "pty",
+        "tty",
+    ]
 )
 ASKED_FOR = {
     ("envs/machine.py", "sched_getaffinity"),
