@@ -16,7 +16,7 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.render import draw
-from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
+from tests.scenes import MEDIUM, SCENES, SMALL, items, items_of, scene, scene_of, square
 
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
 
@@ -68,9 +68,9 @@ def test_scatter__reconstructions_of_legal_scenes_draw_the_same_image(image_size
 
 
 def test_scatter__items_are_ordered_by_x_then_y():
-    given_items = [square(50, 60, colour=B), circle(50, 10), triangle(0, 60, LARGE, K), square(50, 33, colour=Y)]
+    given_items = items_of("square 50,60 blue; circle 50,10; triangle 0,60 large black; square 50,33")
     read = read_scene(draw(scene([], given_items), "half"), "scatter")
-    assert list(read.boxes[1].items) == sorted(given_items)
+    assert [*read.boxes[1].items] == sorted(given_items)
 
 
 @pytest.mark.parametrize(("image_size", "shape"), [("native", Shape.CIRCLE), *(("half", shape) for shape in Shape)])
@@ -86,14 +86,14 @@ def test_scatter__every_single_item_is_recovered(image_size: str, shape: Shape):
 @pytest.mark.parametrize(
     "touching",
     [
-        [square(10, 10), square(30, 10), square(50, 20)],
-        [square(11, 11, LARGE), square(41, 11, SMALL), square(41, 21, SMALL)],
-        [circle(11, 11), circle(31, 11), circle(21, 29)],
-        [triangle(10, 40), square(10, 60), triangle(30, 41)],
+        "square 10,10; square 30,10; square 50,20",
+        "square 11,11 large; square 41,11 small; square 41,21 small",
+        "circle 11,11; circle 31,11; circle 21,29",
+        "triangle 10,40; square 10,60; triangle 30,41",
     ],
 )
-def test_scatter__touching_items_of_one_colour_are_separated(touching: list[Item]):
-    check_recovered([scene(touching), scene([], [], touching)], "scatter", "half")
+def test_scatter__touching_items_of_one_colour_are_separated(touching: str):
+    check_recovered([scene_of(touching), scene_of(f"| | {touching}")], "scatter", "half")
 
 
 def test_scatter__fewest_items_are_preferred():
@@ -106,21 +106,16 @@ def test_scatter__fewest_items_are_preferred():
 
 @IMAGE_SIZES
 @pytest.mark.parametrize(
-    "drawn",
-    [
-        [circle(10, 10, LARGE, B), square(35, 20, MEDIUM, K)],
-        [circle(60, 10, LARGE, Y), square(80, 35, MEDIUM, Y)],
-        [square(-3, 40, colour=B)],
-    ],
+    "drawn", ["circle 10,10 large blue; square 35,20 black", "circle 60,10 large; square 80,35", "square -3,40 blue"]
 )
-def test_scatter__occluded_or_cut_off_items_are_an_error(image_size: str, drawn: list[Item]):
+def test_scatter__occluded_or_cut_off_items_are_an_error(image_size: str, drawn: str):
     with pytest.raises(PerceptionError, match=r"box 0: .* items that occlude one another"):
-        read_scene(draw(scene(drawn), image_size), "scatter")
+        read_scene(draw(scene_of(drawn), image_size), "scatter")
 
 
-@pytest.mark.parametrize("item", [square(-3, 40, colour=B), triangle(85, 74, MEDIUM, K)])
-def test_scatter__items_that_leave_their_box_sideways_are_recovered(item: Item):
-    check_recovered([scene([], [item, square(40, 40, MEDIUM, Y)])], "scatter", "half")
+@pytest.mark.parametrize("item", ["square -3,40 blue", "triangle 85,74 black"])
+def test_scatter__items_that_leave_their_box_sideways_are_recovered(item: str):
+    check_recovered([scene_of(f"| {item}; square 40,40")], "scatter", "half")
 
 
 @given(drawn_items=st.lists(items(overhang=10), min_size=1, max_size=2))
@@ -173,7 +168,7 @@ def test_wrong_array__error_names_the_valid_shapes(image: Any, reason: str):
 def test_one_changed_pixel__is_an_error_or_reproduced(
     image_size: str, place: tuple[int, int], pixel: tuple[int, int, int]
 ):
-    image = draw(scene([circle(10, 10)], [square(40, 40, LARGE, K)], [triangle(50, 50, LARGE, B)]), image_size)
+    image = draw(scene_of("circle 10,10 | square 40,40 large black | triangle 50,50 large blue"), image_size)
     image[place] = pixel
     try:
         read = read_scene(image, "scatter")

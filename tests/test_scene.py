@@ -53,12 +53,11 @@ def test_from_json__malformed_data_is_refused_with_its_place(data: object, messa
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("type", "disc", r"unknown type 'disc'; choose from circle, square, triangle"),
-        ("color", "yellow", r"unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
-        ("size", 15, r"unknown size 15; choose from 10, 20, 30"),
-        ("size", True, r"unknown size True"),
+        ("type", "disc", "unknown type 'disc'; choose from circle, square, triangle"),
+        ("color", "yellow", "unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
+        ("size", True, "unknown size True; choose from 10, 20, 30"),
         ("x_loc", 1.5, r"x_loc must be a whole number of pixels, not 1\.5"),
-        ("y_loc", True, r"y_loc must be a whole number of pixels, not True"),
+        ("y_loc", True, "y_loc must be a whole number of pixels, not True"),
     ],
 )
 def test_from_json__a_wrong_value_is_refused_with_box_item_and_choices(key: str, value: object, message: str):

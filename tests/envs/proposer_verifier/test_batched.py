@@ -41,9 +41,9 @@ GAMES = 8  # enough for compiled code
 # Actions of a veto game of the task "Some block is blue."; infos after them. The verifier's last answer earned -0.1.
 VETO_GAME = """
 blue waits  | turns=[0, 1] proposal=3  verdict=-1 goal_reached=0 own_turn_rewards=[0.0, 0.0]
-wait reject | turns=[1, 0] proposal=-1 verdict=0  goal_reached=0 own_turn_rewards=[-0.1, -0.1] holds=1
+wait reject | turns=[1, 0] proposal=-1 verdict=-1 goal_reached=0 own_turn_rewards=[-0.1, -0.1]
 blue waits  | turns=[0, 1] proposal=3  verdict=-1 goal_reached=0 own_turn_rewards=[0.0, -0.1]
-wait accept | turns=[1, 0] proposal=-1 verdict=1  goal_reached=1 own_turn_rewards=[-0.1, -0.1] holds=1
+wait accept | turns=[1, 0] proposal=-1 verdict=-1 goal_reached=1 own_turn_rewards=[-0.1, -0.1]
 STOP waits  | turns=[0, 1] proposal=0  verdict=-1 goal_reached=1 own_turn_rewards=[0.0, -0.1]
 wait reject | turns=[1, 0] proposal=-1 verdict=0  goal_reached=1 own_turn_rewards=[-0.1, -0.1] holds=1
 STOP waits  | turns=[0, 1] proposal=0  verdict=-1 goal_reached=1 own_turn_rewards=[0.0, -0.1]
@@ -150,7 +150,7 @@ def test_step__refuses_invalid_batches_of_actions():
 
 
 def test_progress__pays_each_step_towards_the_goal():
-    """Of the task "Some block is blue.": an edit that leads nowhere, one that reaches the goal, and one that leaves it."""
+    """Of the task "Some block is blue.": an edit to nowhere, one that reaches the goal, and one that leaves it."""
     shaped = {PROPOSER: {"mdp": 1, "progress": 0.5}, VERIFIER: {"progress": 0.25}}
     games = BatchedGames(GAMES, tasks=TASKS, rewards=shaped, protocol="joint")
     games.reset(seed=0)

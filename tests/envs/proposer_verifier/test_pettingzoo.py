@@ -309,5 +309,5 @@ def test_read_action__is_the_inverse_of_describe_action(protocol: str):
         for action in range(game.action_space(agent).n):
             assert game.read_action(agent, game.describe_action(agent, action)) == action
     assert game.read_action(PROPOSER, "add( left,blue )") == ADD_BLUE * 3
-    with pytest.raises(ActionError, match="'fly' .* actions look like 'STOP', "):
+    with pytest.raises(ActionError, match=r"'fly' .* actions look like 'STOP', "):
         game.read_action(PROPOSER, "fly")
