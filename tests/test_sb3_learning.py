@@ -60,11 +60,9 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained: Mask
     ("algorithm", "configuration", "changes"),
     [
         (MaskablePPO, "TowerFlipIt", {"wrap": None}),
-        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
-        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
+        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
+        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
         (PPO, "ScatterFlipIt", {"recolour": False}),
-        pytest.param(PPO, "TowerFlipIt", {"wrap": None, "backend": "dummy"}, marks=pytest.mark.long),
-        pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "workers"}, marks=pytest.mark.long),
         pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc"}, marks=pytest.mark.long),
     ],
 )
@@ -120,20 +118,20 @@ def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_for
     model = small_model()
     buffer = StatementRolloutBuffer(4, model.observation_space, model.action_space, n_envs=COUNT)
     rng, observations = np.random.default_rng(0), model.env.reset()
+    values, log_probs = torch.full((COUNT,), 0.5), torch.zeros(COUNT)
     for step in range(4):
         observations["statement"][:] = (np.arange(COUNT)[:, None] + step) % 4 + 2  # four statements
         observations["forced"][:] = step == 2
-        values, log_probs = torch.full((COUNT,), 0.5), torch.zeros(COUNT)
-        buffer.add(observations, np.arange(COUNT) + COUNT * step, rng.random(COUNT), np.zeros(COUNT), values, log_probs)
+        actions = np.arange(COUNT) + COUNT * step
+        buffer.add(observations, actions, rng.random(COUNT), np.zeros(COUNT), values, log_probs)
     buffer.compute_returns_and_advantage(torch.zeros(COUNT), np.zeros(COUNT))
     assert buffer.advantages.std() == pytest.approx(1)
-    ratios = buffer.advantages / buffer.returns
-    assert np.allclose(ratios[2], ratios[2, 0])
-    assert not np.allclose(ratios[1], ratios[1, 0])
-    for _ in range(2):
-        batches = list(buffer.get(8))
-        assert [len(torch.unique(batch.observations["statement"][:, 0])) for batch in batches] == [1] * 4
-        assert sorted(torch.cat([batch.actions for batch in batches]).flatten().tolist()) == list(range(4 * COUNT))
+    spreads = np.ptp(buffer.advantages / buffer.returns, axis=1)
+    assert spreads[2] == pytest.approx(0, abs=1e-5)
+    assert spreads[1] > 0.01
+    batches = list(buffer.get(8))
+    assert [len(torch.unique(batch.observations["statement"][:, 0])) for batch in batches] == [1] * 4
+    assert {int(action) for batch in batches for action in batch.actions} == set(range(4 * COUNT))
     model.env.close()
 
 
@@ -162,7 +160,7 @@ def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, t
     )
     assert played == again
     env: Any = gym.make(SCRATCH, split="dev")
-    for actions, task in zip(played[:20], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
+    for actions, task in zip(played[:5], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
         observation, _ = env.reset(options={"task": task})
         masks = env.get_wrapper_attr("action_masks")()
         first = env.unwrapped.dynamics.appearance.encode(actions[0])
@@ -204,11 +202,10 @@ def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers:
     envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
     rows = statements_of(envs, 3 * episodes - 1)
     envs.close()
-    for row in rows:
-        assert len({*row[:4]}) == len({*row[4:]}) == 1
+    assert all(row == [row[0]] * 4 + [row[4]] * 4 for row in rows)
     firsts = [row[0] for row in rows]
-    assert all(len({*firsts[start : start + episodes]}) == 1 for start in range(0, len(firsts), episodes))
-    assert len({*firsts}) == 3
+    assert firsts == [statement for statement in dict.fromkeys(firsts) for _ in range(episodes)]
+    assert len(firsts) == 3 * episodes
 
 
 def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
@@ -227,11 +224,9 @@ def test_sampler__draws_recoloured_and_empty_starts() -> None:
     sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
     original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}
     rng = np.random.default_rng(0)
-    tasks = [sampler.tasks.by_id(sampler(rng, 0)) for _ in range(2_000)]
-    assert 0.2 < np.mean([not any(box.items for box in task.start.boxes) for task in tasks]) < 0.3
+    tasks = [sampler.tasks.by_id(sampler(rng, 0)) for _ in range(1_000)]
+    assert 0.2 < np.mean([not any(task.start.items()) for task in tasks]) < 0.3
     assert 0.3 < np.mean([task.statement not in original for task in tasks]) < 0.9
-    env = gym.make(FLIPIT, sampler=sampler)
-    assert {env.reset(seed=seed)[1]["task"] for seed in range(9)} <= {*sampler.tasks.ids}
     words = {word for task in tasks for word in task.statement.lower().split() if word.isalpha()}
     assert words <= {*sampler.vocabulary.words}
 
@@ -240,9 +235,8 @@ def test_sampler__draws_recoloured_and_empty_starts() -> None:
     ("changes", "message"),
     [
         ({"same_statement": 2, "backend": "dummy"}, 'same_statement=2 needs backend="batched" or backend="workers"'),
-        ({"recolour": True, "split": "dev"}, "the sampler has its own tasks, of split 'train', not 'dev'"),
-        ({"empty_starts": 1.5}, "empty-starts must be at least 0 and at most 0.9, not 1.5"),
-        ({"stop_forcing": True, "split": "dev"}, "StopForcing is for training: split 'dev'"),
+        ({"recolour": True, "split": "dev"}, "of split 'train', not 'dev'"),
+        ({"empty_starts": 1.5}, "at least 0 and at most 0.9, not 1.5"),
     ],
 )
 def test_make_vec_env__explains_what_training_options_need(changes: dict[str, Any], message: str) -> None:

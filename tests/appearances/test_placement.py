@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -31,15 +30,10 @@ from tests.appearances import reference
 
 FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
-OLDER_AT = (40, 40)  # not where the script puts it
-RANDOM_PLACEMENTS = 2_000
-OVERHANG = 4  # pixels that an older item may lie outside its box, as the release leaves some
 
 
-@cache
-def placed(footprint: int) -> NDArray[Any]:
-    """(69 * 69,) polygons of a footprint, by offset from OLDER_AT."""
-    x, y = OLDER_AT
+def placed(footprint: int, x: int, y: int) -> NDArray[Any]:
+    """(69 * 69,) polygons of a footprint, by offset from a place."""
     return np.array([script.footprint_polygon(footprint, x + dx, y + dy) for dx in SPAN for dy in SPAN])
 
 
@@ -81,53 +75,20 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
 @pytest.mark.parametrize(
     "older_footprint", [pytest.param(each, marks=() if each % 4 == 0 else pytest.mark.long) for each in FOOTPRINTS]
 )
-def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_footprint: int):
-    tables, older = placement_tables(), item_of(older_footprint, *OLDER_AT)
-    outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, *OLDER_AT))
-    shapely.prepare(outlines[0])
-    places = [(OLDER_AT[0] + dx, OLDER_AT[1] + dy) for dx in SPAN for dy in SPAN]
+def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint: int):
+    x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it
+    tables, older = placement_tables(), item_of(older_footprint, x, y)
+    places = [(x + dx, y + dy) for dx in SPAN for dy in SPAN]
     for footprint in FOOTPRINTS:
-        codes = codes_of(placed(footprint), outlines)
-        assert [tables.closest(footprint, x, y, (older,))[0] for x, y in places] == codes.tolist()
+        codes = np.array([tables.closest(footprint, *place, (older,))[0] for place in places])
         near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
-        moves = [tables.move(footprint, *places[index], older, frame_x=0) for index in near]
-        assert np.array_equal(moves, moves_of(placed(footprint)[near], outlines[near]))
-
-
-def random_placements() -> list[tuple[int, int, int, Item]]:
-    """A footprint and position inside a box, and an item near it."""
-    chance = random.Random(0)
-    found: list[tuple[int, int, int, Item]] = []
-    while len(found) < RANDOM_PLACEMENTS:
-        footprint, other = chance.randrange(9), chance.randrange(9)
-        x, y = (chance.randint(0, 100 - FOOTPRINT_SIDES[footprint]) for _ in "xy")
-        # From four pixels beyond touching on the left or above to as much on the right or below.
-        older_x, older_y = (
-            place + chance.randint(-FOOTPRINT_SIDES[other] - 4, FOOTPRINT_SIDES[footprint] + 4) for place in (x, y)
-        )
-        last = 100 - FOOTPRINT_SIDES[other] + OVERHANG
-        if -OVERHANG <= older_x <= last and -OVERHANG <= older_y <= last:
-            found.append((footprint, x, y, item_of(other, older_x, older_y)))
-    return found
-
-
-def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """(n,) and (n,) the outlines of the new and of the older items, the box's left border at `frame_x`."""
-    new = [script.footprint_polygon(footprint, x + frame_x, y) for footprint, x, y, _ in placements]
-    older = [script.footprint_polygon(other.footprint, other.x + frame_x, other.y) for *_, other in placements]
-    return np.array(new), np.array(older)
-
-
-def test_random_positions__overlap_distance_and_move_equal_shapelys_in_every_box():
-    tables, placements = placement_tables(), random_placements()
-    codes = np.array([tables.closest(footprint, x, y, (older,))[0] for footprint, x, y, older in placements])
-    near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
-    assert len(near) > RANDOM_PLACEMENTS / 5
-    for frame_x in (0, BOX_PITCH, 2 * BOX_PITCH):
-        new, older = polygons(placements, frame_x)
-        assert np.array_equal(codes, codes_of(new, older))
-        moves = [tables.move(*placements[index], frame_x) for index in near]
-        assert np.array_equal(moves, moves_of(new[near], older[near]))
+        frame_x = BOX_PITCH * (footprint % 3)
+        outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, x + frame_x, y))
+        shapely.prepare(outlines[0])
+        new = placed(footprint, x + frame_x, y)
+        assert np.array_equal(codes, codes_of(new, outlines))
+        moves = [tables.move(footprint, *places[index], older, frame_x) for index in near]
+        assert np.array_equal(moves, moves_of(new[near], outlines[near]))
 
 
 @pytest.mark.parametrize("footprint", FOOTPRINTS)

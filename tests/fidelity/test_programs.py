@@ -30,23 +30,15 @@ def recorded_truths(golden: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_program_truths__equal_the_recorded_ones(recorded_truths: dict[str, Any], appearance: str) -> None:
+def test_program_truths__of_both_evaluators_equal_the_recorded_ones(
+    recorded_truths: dict[str, Any], appearance: str
+) -> None:
     recorded = recorded_truths[appearance]
     scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
     for source, truths in zip(recorded["programs"], recorded["truths"], strict=True):
         program = compile_program(source)
         assert "".join(str(int(program.evaluate(scene))) for scene in scenes) == truths, source
-
-
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_program_truths__reference_evaluator_matches_the_recordings(
-    recorded_truths: dict[str, Any], appearance: str
-) -> None:
-    recorded = recorded_truths[appearance]
-    scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
-    for number, (source, truths) in enumerate(zip(recorded["programs"], recorded["truths"], strict=True)):
-        program = compile_program(source)
-        some = slice(number % 8, None, 8)  # of the scenes: others for the next program
+        some = slice(len(source) % 8, None, 8)  # of the scenes: others for other programs
         assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes[some]) == truths[some], source
 
 

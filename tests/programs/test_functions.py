@@ -145,6 +145,12 @@ RULES = {
         false : All(all_boxes, lambda b: count(b) == 1 and is_blue(unique(b))) @ square 0,0 | THREE
         false : All(all_boxes, lambda b: is_blue(unique(b))) @ square 0,0 | THREE
         unique : All(all_boxes, lambda b: is_yellow(unique(b))) @ square 0,0 | THREE""",
+    "a_box__has_the_truthiness_of_the_list_of_its_items": """
+        false : all(all_boxes) @ | square 0,0
+        false : exist(filter_obj(all_boxes, lambda b: b))
+        true : exist(filter_obj(all_boxes, lambda b: b)) @ | square 0,0
+        true : count(filter_obj(all_boxes, lambda b: not b)) == 2 and all([all_boxes[1]]) @ | square 0,0
+        true : len(all_boxes[1]) == 0""",
     # Built-ins and operators
     "min__the_first_of_the_smallest_by_key": """
         true : min(all_boxes, key=count) == all_boxes[1] @ THREE

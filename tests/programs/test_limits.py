@@ -130,24 +130,6 @@ def test_nesting_of_collections_and_calls__is_limited() -> None:
         compile_program("All([lambda f: All([f], f)], lambda g: All([g], g))").evaluate(Scene.empty())
 
 
-@pytest.mark.parametrize(
-    ("source", "on_nothing", "on_one_item"),
-    [
-        ("all(all_boxes)", False, False),
-        ("exist(filter_obj(all_boxes, lambda b: b))", False, True),
-        ("exist(filter_obj(all_boxes, lambda b: not b))", True, True),
-        ("count(filter_obj(all_boxes, lambda b: b)) == 1 and all([all_boxes[1]])", False, True),
-        ("len(all_boxes[1]) == 0", True, False),
-    ],
-)
-def test_a_box__has_the_truthiness_of_the_list_of_its_items(
-    source: str, *, on_nothing: bool, on_one_item: bool
-) -> None:
-    program = Program(source)
-    for scene, truth in ((Scene.empty(), on_nothing), (Scene((Box(), Box((BLUE,)), Box())), on_one_item)):
-        assert (program.evaluate(scene), program.evaluate_reference(scene)) == (truth, truth)
-
-
 def test_sets_of_functions__are_iterated_in_a_fixed_order() -> None:
     words = "{is_top, is_blue, is_square, is_circle, is_small}"
     for source in (

@@ -28,6 +28,7 @@ from tests.scenes import (
     circle,
     items,
     scene,
+    scene_of,
     square,
     triangle,
 )
@@ -173,16 +174,15 @@ def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.Monke
     assert np.array_equal(canvas.show(before), draw(before, "half"))
 
 
-@IMAGE_SIZES
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
-def test_canvas__copy_has_its_own_buffer(image_size: str, duplicate: Callable[[Canvas], Canvas]):
-    canvas = Canvas(image_size)
-    first, second, third = scene([circle(0, 0)]), scene([circle(0, 0), square(40, 40)]), scene([], [square(0, 0)])
-    canvas.show(first)
+def test_canvas__copy_has_its_own_buffer(duplicate: Callable[[Canvas], Canvas]):
+    canvas = Canvas("half")
+    canvas.show(scene_of("circle 0,0"))
     copied = duplicate(canvas)
-    canvas.show(third)
-    assert np.array_equal(copied.show(second), draw(second, image_size))
-    assert np.array_equal(canvas.pixels, draw(third, image_size))
+    shown, other = scene_of("circle 0,0; square 40,40"), scene_of("| square 0,0")
+    canvas.show(other)
+    assert np.array_equal(copied.show(shown), draw(shown, "half"))
+    assert np.array_equal(canvas.pixels, draw(other, "half"))
 
 
 # For people

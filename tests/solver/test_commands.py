@@ -43,15 +43,19 @@ def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--budget", "0"], "budget must be a positive whole number of scenes"),
-        (["--episodes", "0"], "--episodes must be at least 1, not 0"),
-        (["--horizon", "0"], "horizon must be a positive whole number"),
-        (["--corpus", "nowhere.jsonl"], "nowhere.jsonl"),
-        (["Sideways"], "unknown configuration 'Sideways'"),
+        ("--budget 0", "budget must be a positive whole number of scenes"),
+        ("--episodes 0", "--episodes must be at least 1, not 0"),
+        ("--horizon 0", "horizon must be a positive whole number"),
+        ("--corpus nowhere.jsonl", "nowhere.jsonl"),
+        ("Sideways", "unknown configuration 'Sideways'"),
+        ("TowerFlipIt --show", "--show needs --task ID"),
+        ("--task 1", "--task needs exactly one CONFIGURATION"),
+        ("TowerFlipIt --task 1 --episodes 3", "--task excludes"),
+        ("TowerFlipIt --task none-such", "no task 'none-such'"),
     ],
 )
-def test_solve__names_the_mistake(options: list[str], message: str, capsys: Captured):
-    assert main(["solve", *options]) == 2
+def test_solve__names_the_mistake(options: str, message: str, capsys: Captured):
+    assert main(["solve", *options.split()]) == 2
     printed = capsys.readouterr()
     assert message in printed.err
     assert printed.out == ""
@@ -67,20 +71,6 @@ def test_solve__shows_single_tasks_action_by_action(corpus: str, capsys: Capture
     for number, action in enumerate(solution.actions, 1):
         assert f"  {number}. {describe(action)}: reward" in printed
     assert printed.count("+--------------------+  +") == 2 * solution.steps
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["TowerFlipIt", "--show"], "--show needs --task ID"),
-        (["--task", "1"], "--task needs exactly one CONFIGURATION"),
-        (["TowerFlipIt", "--task", "1", "--episodes", "3"], "--task excludes"),
-        (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
-    ],
-)
-def test_solve__refuses_unsuitable_options_with_task(corpus: str, arguments: list[str], message: str, capsys: Captured):
-    assert main(["solve", "--corpus", corpus, *arguments]) == 2
-    assert message in capsys.readouterr().err
 
 
 def test_task__is_found_in_its_split(capsys: Captured):

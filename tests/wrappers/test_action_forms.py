@@ -19,36 +19,27 @@ from lilgym_mp.wrappers import (
     WrongEnvironment,
     multi_discrete_actions_v0,
 )
+from tests.scenes import scene_of
 
 Make = Callable[..., gym.Env[Any, Any]]
-
-BLUE_LEFT = [[{"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}], [], []]
-
-
-def scene(env: gym.Env[Any, Any]) -> Scene:
-    return env.unwrapped.scene  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_arrays__are_the_released_form(make: Make):
     env = MultiDiscreteActions(make("TowerScratch"))
     assert env.action_space == spaces.MultiDiscrete([3, 3, 3])
     env.reset(seed=0)
-    env.step(np.array([1, 0, 2]))
-    assert scene(env).to_json() == BLUE_LEFT
-    env.step([2, 0, -1])
-    assert scene(env) == Scene.empty()
+    for array, shown in ((np.array([1, 0, 2]), scene_of("tower b")), ([2, 0, -1], Scene.empty())):
+        env.step(array)
+        assert env.unwrapped.scene == shown
 
 
-@pytest.mark.parametrize(
-    ("grid", "sizes"),
-    [((19, 5), [3, 19, 5, 3, 3, 3]), ((38, 10), [3, 38, 10, 3, 3, 3]), ((19, 1), [3, 19, 1, 3, 3, 3])],
-)
-def test_arrays__of_scatter_cover_the_grid(make: Make, grid: tuple[int, int], sizes: list[int]):
-    assert MultiDiscreteActions(make("ScatterScratch", grid=grid)).action_space == spaces.MultiDiscrete(sizes)
+def test_arrays__of_scatter_cover_the_grid(make: Make):
+    env = MultiDiscreteActions(make("ScatterScratch", grid=(38, 10)))
+    assert env.action_space == spaces.MultiDiscrete([3, 38, 10, 3, 3, 3])
 
 
-@pytest.mark.parametrize("unused", [-1, 0, 99])
-@pytest.mark.parametrize(("appearance", "grid"), [("Tower", (19, 5)), ("Scatter", (19, 5)), ("Scatter", (38, 4))])
+@pytest.mark.parametrize("unused", [-1, 99])
+@pytest.mark.parametrize(("appearance", "grid"), [("Tower", (19, 5)), ("Scatter", (38, 4))])
 def test_every_array__decodes_to_its_index_ignoring_unused_slots(
     make: Make, appearance: str, grid: tuple[int, int], unused: int
 ):
@@ -68,11 +59,9 @@ def test_every_name__decodes_to_its_action(actions: Appearance):
 @pytest.mark.parametrize(
     ("action", "message"),
     [
-        ([1, 3, 0], "box 3 of the action is out of range; choose from 0 .. 2"),
-        ([3, 0, 0], "type 3 of the action is out of range"),
-        ([1, -1, 0], "box -1 of the action is out of range"),
-        ([1, 0], "an action array must be 3 whole numbers"),
-        ([1.0, 0.0, 0.0], "an action array must be 3 whole numbers"),
+        ([1, 3, 0], r"box 3 .*; choose from 0 \.\. 2"),
+        ([1, 0], "3 whole numbers"),
+        ([1.0, 0.0, 0.0], "3 whole numbers"),
     ],
 )
 def test_invalid_array__is_refused(make: Make, action: list[Any], message: str):

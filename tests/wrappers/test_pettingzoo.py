@@ -24,14 +24,12 @@ with warnings.catch_warnings():
     from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
 
 PROPOSER, VERIFIER = "proposer_0", "verifier_0"
-STOP, ADD_LEFT_YELLOW, ADD_LEFT_BLUE = 0, 1, 3  # of tower's actions
+STOP, ADD_LEFT_BLUE = 0, 3  # of tower's actions
 REJECT, ACCEPT = 0, 1
 
 STACKS: dict[str, list[Callable[[Any], Any]]] = {
-    "structured": [wrappers.structured_observation_v0],
-    "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
-    "channels first": [wrappers.channels_first_v0],
-    "flat": [wrappers.flat_observation_v0],
+    "planes": [wrappers.channels_first_v0, wrappers.grid_planes_v0, wrappers.steps_left_v0],
+    "flat": [wrappers.structured_observation_v0, wrappers.flat_observation_v0],
     "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
@@ -87,13 +85,11 @@ def test_format__refuses_to_reveal_a_hidden_scene(settings: dict[str, Any]):
 def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
     game = wrappers.stop_forcing_v0(env(**settings))
     game.reset(seed=0, options={"task": "blue"})
-    assert game.observe(PROPOSER)["action_mask"].sum() == 10
-    game.step(ADD_LEFT_BLUE)
-    verifiers = game.observe(VERIFIER)["action_mask"]
-    game.step(ACCEPT)
-    assert np.flatnonzero(game.observe(PROPOSER)["action_mask"]).tolist() == [STOP]
-    game.step(STOP)
-    assert np.array_equal(game.observe(VERIFIER)["action_mask"], verifiers)
+    allowed = []
+    for action in (ADD_LEFT_BLUE, ACCEPT, STOP, ACCEPT):
+        allowed.append(int(game.observe(game.agent_selection)["action_mask"].sum()))
+        game.step(action)
+    assert allowed == [10, 2, 1, 2]
 
 
 def test_action_mask__is_in_infos_as_in_observations(settings: dict[str, Any]):
@@ -107,19 +103,15 @@ def test_action_mask__is_in_infos_as_in_observations(settings: dict[str, Any]):
 def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
     game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}))
     game.reset(seed=0, options={"task": "blue"})
-    game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
-    observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})
+    observations, *_ = game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
     assert observations[PROPOSER]["action_mask"].sum() > 1
-    assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
 def test_task_change__applies_to_the_game(settings: dict[str, Any]):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
     assert [len(box.items) for box in game.unwrapped.scene.boxes] == [0, 1, 0]
-    with pytest.raises(
-        WrongEnvironment, match="BoxPermutation changes the tasks, so it must be applied before StepsLeft"
-    ):
+    with pytest.raises(WrongEnvironment, match="must be applied before StepsLeft"):
         wrappers.box_permutation_v0(wrappers.steps_left_v0(env(**settings)))
 
 
@@ -143,9 +135,7 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
     ],
 )
 def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Callable[[Any], Any]):
-    with pytest.raises(
-        WrongEnvironment, match="uses the MDP's actions, but the game's agents have other action spaces"
-    ):
+    with pytest.raises(WrongEnvironment, match="uses the MDP's actions"):
         wrap(env(**settings))
 
 
@@ -157,13 +147,9 @@ def test_wrapper_of_rewards__is_refused(settings: dict[str, Any]):
 @pytest.mark.parametrize("make", [env, parallel_env])
 def test_wrapper__leaves_the_game_that_it_was_given_as_it_was(settings: dict[str, Any], make: Callable[..., Any]):
     game = make(**settings)
-    space = game.observation_space(PROPOSER)
     wrapped = wrappers.stop_forcing_v0(wrappers.structured_observation_v0(game))
-    assert wrapped is not game
-    assert game.observation_space(PROPOSER) == space
-    assert wrapped.observation_space(PROPOSER) != space
-    for each in (game, wrapped):
+    for each, has_image in ((game, True), (wrapped, False)):
         each.reset(seed=0, options={"task": "blue"})
-    assert "image" in game.unwrapped.engine.observe(0)["observation"]
-    assert "image" not in wrapped.unwrapped.engine.observe(0)["observation"]
+        assert ("image" in each.observation_space(PROPOSER)["observation"].spaces) == has_image
+        assert ("image" in each.unwrapped.engine.observe(0)["observation"]) == has_image
     assert not game.unwrapped.engine.layers
