@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import gzip
+import importlib
 import importlib.util
 import inspect
 import json
@@ -15,6 +15,7 @@ import sys
 import tarfile
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import Enum
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -256,51 +257,29 @@ def test_modules__are_imported_by_computed_names_for_commands_alone():
     assert found == {"lilgym_mp/cli/options.py", "lilgym_mp/submodules.py"}
 
 
-def _public_definitions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, ast.FunctionDef | ast.ClassDef]]:
-    for node in body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-            yield prefix + node.name, node
-            if isinstance(node, ast.ClassDef):
-                yield from _public_definitions(node.body, f"{prefix}{node.name}.")
-
-
-def _has_the_docstring_of_a_base(module: str, name: str, protocols: list[set[str]]) -> bool:
-    """Whether a method overrides a documented one, or its class has all methods of a protocol with this one."""
-    *owners, method = name.split(".")
-    owner: Any = importlib.import_module(module)
-    for each in owners:
-        owner = getattr(owner, each)
-    if any(method in methods and methods <= set(dir(owner)) for methods in protocols):
-        return True
-    return any(getattr(vars(base).get(method), "__doc__", None) for base in owner.__mro__)
+def _public_definitions(owner: Any, module: str) -> Iterator[tuple[str, Any]]:
+    """The classes, functions, methods and properties that a module or class defines, by qualified name."""
+    for name, member in vars(owner).items():
+        found = inspect.unwrap(getattr(member, "fget", None) or getattr(member, "__func__", member))
+        if not name.startswith("_") and getattr(found, "__module__", None) == module:
+            if inspect.isclass(found) or inspect.isfunction(found):
+                yield f"{module}.{found.__qualname__}", getattr(owner, name)
+            if inspect.isclass(found):
+                yield from _public_definitions(found, module)
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_code__documents_every_public_definition():
-    modules = {
-        f"{name}.{path.stem}".removesuffix(".__init__"): dict(_public_definitions(ast.parse(path.read_text()).body))
-        for name, directory in _package_directories().items()
-        for path in directory.glob("*.py")
-    }
-    nodes = [node for found in modules.values() for node in found.values()]
-    protocols = [
-        {method.name for method in node.body if isinstance(method, ast.FunctionDef) and ast.get_docstring(method)}
-        for node in nodes
-        if isinstance(node, ast.ClassDef) and "Protocol" in [ast.unparse(base).split("[")[0] for base in node.bases]
-    ]
-    undocumented: list[str] = []
-    for module, found in modules.items():
-        for name, node in found.items():
-            if ast.get_docstring(node):
-                continue
-            try:
-                inherited = "." in name and isinstance(node, ast.FunctionDef)
-                inherited = inherited and _has_the_docstring_of_a_base(module, name, protocols)
-            except ModuleNotFoundError:
-                continue  # an extra that is not installed
-            if not inherited:
-                undocumented.append(f"{module}.{name}")
-    assert not undocumented
+    definitions: list[tuple[str, Any]] = []
+    for name, directory in _package_directories().items():
+        for path in directory.glob("*.py"):
+            module = f"{name}.{path.stem}".removesuffix(".__init__")
+            with suppress(ModuleNotFoundError):  # an extra that is not installed
+                definitions += _public_definitions(importlib.import_module(module), module)
+    protocols = [found for _, found in definitions if getattr(found, "_is_protocol", False)]
+    inherited = {name for protocol in protocols for name, member in vars(protocol).items() if inspect.getdoc(member)}
+    undocumented = {name for name, found in definitions if not inspect.getdoc(found)}
+    assert [name for name in undocumented if name.rpartition(".")[2] not in inherited] == []
 
 
 API_NAMES = [

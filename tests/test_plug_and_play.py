@@ -14,21 +14,20 @@ import pytest
 
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.corpus.extras import install
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
 
-@pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_arrays__equal_the_text_observations(id: str):
-    plain, arrays = gym.make(id), gym.make(id, observation="arrays")
-    (text, _), (array, _) = plain.reset(seed=3), arrays.reset(seed=3)
-    assert array in arrays.observation_space
+def test_arrays__equal_the_text_observations():
+    arrays = gym.make(SCATTER, observation="arrays")
+    (text, _), (array, _) = gym.make(SCATTER).reset(seed=3), arrays.reset(seed=3)
     assert (array["image"] == text["image"]).all()
     assert array["target"].tolist() == [text["target"]]
-    vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
-    assert tuple(vocabulary.decode(array["statement"])) == words(text["statement"])
+    assert tuple(arrays.unwrapped.vocabulary.decode(array["statement"])) == words(text["statement"])
 
 
 def test_ppo__learns_from_the_obvious_first_line():
@@ -60,15 +59,9 @@ def test_masks_by_slots__allow_just_the_values_of_legal_actions(id: str):
 
 def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
     env = MultiDiscreteActions(StopForcing(gym.make(TOWER)), masks="slots")
-    base: Any = env.unwrapped
-    for seed in range(200):
-        env.reset(seed=seed)
-        legal = np.flatnonzero(base.action_masks())
-        env.step(base.decode_action(int(legal[-1])))
-        if base.goal_reached():
-            assert env.action_masks().tolist() == [True, False, False] + [True] * 6
-            return
-    pytest.fail("no goal was reached")
+    solved = Task("solved", "Nothing is there.", "count(all_items) == 0", True, Scene.empty())
+    env.reset(options={"task": solved})
+    assert env.action_masks().tolist() == [True, False, False] + [True] * 6
 
 
 def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
@@ -80,10 +73,9 @@ def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
     assert env.reset(options={"task": 1757})[1]["task"] == "1757"
     envs = gym.make_vec(TOWER, num_envs=2, corpus=path)
     assert envs.reset(options={"task": 1757})[1]["task"].tolist() == ["1757", "1757"]
-    with pytest.raises(ValueError, match="no task 1758 in corpus"):
-        tasks.by_id(1758)
-    with pytest.raises(ValueError, match="no task True in corpus"):
-        tasks.by_id(True)
+    for unknown in (1758, True):
+        with pytest.raises(ValueError, match=f"no task {unknown} in corpus"):
+            tasks.by_id(unknown)
 
 
 def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatch: pytest.MonkeyPatch):
