@@ -272,13 +272,8 @@ def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any,
     model = MaskablePPO("MultiInputPolicy", made(TOWER, "batched"), n_steps=2, batch_size=2, policy_kwargs=SMALL)
     model.save(tmp_path / "model.zip")
     MaskablePPO.load(tmp_path / "model.zip", env=gym.make(TOWER, observation="arrays"))
-    words = Vocabulary(("blue", "block"))
-    other = made(TOWER, "batched", vocabulary=words, length=40)
-    assert other.observation_space["statement"].shape == (40,)
     with pytest.raises(ValueError, match=r"Observation spaces do not match: .*\(44,\).*\(40,\)"):
-        MaskablePPO.load(tmp_path / "model.zip", env=other)
-    single = gym.make(TOWER, observation="arrays", vocabulary=words, length=40)
-    assert single.observation_space == other.observation_space
+        MaskablePPO.load(tmp_path / "model.zip", env=made(TOWER, "batched", length=40))
 
 
 @pytest.mark.parametrize("count", [8, 151])
@@ -298,12 +293,10 @@ def test_evaluation__counts_every_task_once(count: int) -> None:
         counted.append(playing[variables["i"]])
 
     tasks = env.get_attr("tasks")[0]
-    rewards, lengths = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)  # pyright: ignore[reportArgumentType]
-    assert lengths == [1] * len(tasks)
-    assert sorted(counted) == sorted(tasks.ids)
-    assert dict(zip(counted, rewards, strict=True)) == {
-        task.id: 1 if task.solved_by(task.start) else -1 for task in tasks
-    }
+    rewards, _ = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)
+    expected = {task.id: 1 if task.solved_by(task.start) else -1 for task in tasks}
+    assert len(counted) == len(tasks)
+    assert dict(zip(counted, rewards, strict=True)) == expected
     env.close()
 
 
@@ -312,7 +305,6 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: 
     with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
     env = made(TOWER, "dummy", wrap=wrap)
-    env.seed(0)
     env.reset()
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,13 +104,7 @@ def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
 
 @pytest.mark.parametrize(
     ("wrong", "error"),
-    [
-        ({"rules": 3}, "unknown rules 3"),
-        ({"corpus": 3}, "os.PathLike"),
-        ({"horizon": "9"}, "horizon must be a positive whole number"),
-        ({"grid": [20, 5]}, "straddle a separator"),
-        ({"gravity": 1}, "gravity"),
-    ],
+    [({"rules": 3}, "unknown rules 3"), ({"corpus": 3}, "os.PathLike"), ({"gravity": 1}, "gravity")],
 )
 def test_json__with_wrong_values_is_refused(wrong: dict[str, object], error: str):
     with pytest.raises((ValueError, TypeError), match=error):
@@ -125,14 +120,11 @@ def test_corpus__a_relative_path_is_absolute_from_the_start(tmp_path: Path, monk
         assert EnvConfig("TowerScratch", name).corpus == name
 
 
-@pytest.mark.parametrize(
-    "command", [["train", "ppo", "TowerScratch"], ["evaluate"], ["bench"], ["train", "parse-and-plan"]]
-)
-def test_options__a_tilde_is_the_home_directory(command: list[str], monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("command", ["train ppo TowerScratch", "evaluate", "train parse-and-plan"])
+def test_options__a_tilde_is_the_home_directory(command: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("HOME", "/somewhere")
-    args = parse_args([*command, "--corpus=~/own.jsonl", *([] if command == ["bench"] else ["--out=~/x"])])
-    assert args.corpus == "/somewhere/own.jsonl"
-    assert command == ["bench"] or args.out == Path("/somewhere/x")
+    args = parse_args([*command.split(), "--corpus=~/own.jsonl", "--out=~/x"])
+    assert (args.corpus, args.out) == ("/somewhere/own.jsonl", Path("/somewhere/x"))
 
 
 WORDS = Vocabulary(("a", "box", "block"))
@@ -151,8 +143,8 @@ def test_spec__from_json_makes_the_same_environment():
     "make",
     [
         gym.make,
-        lambda id, **given: gym.make_vec(id, num_envs=2, **given),
-        lambda id, **given: WorkerVectorEnv(id, 2, 1, **given),
+        partial(gym.make_vec, num_envs=2),
+        partial(WorkerVectorEnv, num_envs=2, num_workers=1),
         lambda id, corpus, vocabulary, observation: TokenizedStatement(gym.make(id, corpus=corpus), vocabulary),
     ],
 )
