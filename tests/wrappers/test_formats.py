@@ -143,7 +143,7 @@ def test_embedding__refuses_vectors_of_different_lengths(make: Make):
 def test_flat__concatenates_parts_in_alphabetical_order(make: Make):
     env = FlatObservation(StepsLeft(TokenizedStatement(StructuredObservation(make("ScatterFlipIt")), length=2)))
     vector = observe(env)
-    items, present, statement, steps_left, target = np.split(vector, np.cumsum([3 * 14 * 5, 3 * 14, 2, HORIZON + 1]))
+    items, present, _, steps_left, target = np.split(vector, np.cumsum([3 * 14 * 5, 3 * 14, 2, HORIZON + 1]))
     assert items.reshape(3, 14, 5)[1, :2].tolist() == [CIRCLE, TRIANGLE]
     assert present.reshape(3, 14).sum(axis=1).tolist() == [0, 2, 0]
     assert steps_left.argmax() == HORIZON
