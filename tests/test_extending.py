@@ -214,7 +214,7 @@ def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch
     loaded: list[str] = []
     broken = EntryPoint("broken", "no_such_module", choices.EXTENSIONS)
     monkeypatch.setattr(choices, "_PENDING", iter([broken, SimpleNamespace(load=lambda: loaded.append("good"))]))
-    with pytest.warns(UserWarning, match="the extension 'broken' cannot be imported: .*no_such_module"):
+    with pytest.warns(UserWarning, match="'broken' .*no_such_module"):
         choices.load_extensions()
     assert loaded == ["good"]
 

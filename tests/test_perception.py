@@ -95,7 +95,7 @@ def test_scatter__fewest_items_are_preferred():
     "drawn", ["circle 10,10 large blue; square 35,20 black", "circle 60,10 large; square 80,35", "square -3,40 blue"]
 )
 def test_scatter__occluded_or_cut_off_items_are_an_error(image_size: str, drawn: str):
-    with pytest.raises(PerceptionError, match=r"box 0: .* items that occlude one another"):
+    with pytest.raises(PerceptionError, match=r"box 0: .* occlude"):
         read_scene(draw(scene_of(drawn), image_size), "scatter")
 
 

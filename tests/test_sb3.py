@@ -182,7 +182,7 @@ def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: st
     env.reset()
     assert [info["task"] for info in env.unwrapped.reset_infos] == ["0"] * COUNT
     env.set_options({"tsk": "0"})
-    with pytest.raises(ValueError, match=r"unknown reset options \['tsk'\]; choose from task"):
+    with pytest.raises(ValueError, match=r"\['tsk'\]; choose from task"):
         env.reset()
     task = replace(env.get_attr("tasks")[0][0], id="mine", statement="It is mine.")
     env.set_options([{"task": task}, {}, {}, {"task": "1"}])
@@ -263,7 +263,7 @@ def test_monitor__can_be_switched_off(made: Any) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_failing_wrapper__is_reported_and_leaves_no_process(made: Any, backend: str) -> None:
-    with pytest.raises(ValueError, match="/no/such/file: is no vocabulary that can be read"):
+    with pytest.raises(ValueError, match="/no/such/file"):
         made(TOWER, backend, vocabulary="/no/such/file")
     assert not multiprocessing.active_children()
 

@@ -59,7 +59,7 @@ def test_seeds__of_a_list_or_array_go_to_the_environments_in_order() -> None:
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_copy_and_pickle__are_refused(copied: Callable[[object], object]) -> None:
-    with pytest.raises(TypeError, match="a BatchedEnv cannot be pickled or copied"):
+    with pytest.raises(TypeError, match="BatchedEnv"):
         copied(batch(TOWER, 3))
 
 

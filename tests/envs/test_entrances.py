@@ -84,7 +84,7 @@ def test_seed__an_invalid_one_is_refused_and_changes_nothing(kind: str) -> None:
     for each in (env, other):
         each.reset(seed=7)
     for seed in (-1, 1.5, "a", True, [[0], 1]):
-        with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
+        with pytest.raises(ValueError, match="0 or larger, not "):
             env.reset(seed=seed)
     assert_same(env.reset(), other.reset())
     assert_same(env.reset(seed=np.int64(3)), other.reset(seed=3))

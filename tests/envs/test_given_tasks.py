@@ -128,9 +128,9 @@ def test_sampler__is_told_which_environment_it_chooses_for() -> None:
 
 def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation() -> None:
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
-        with pytest.raises(ValueError, match="sampler must be a function of a generator and an index"):
+        with pytest.raises(ValueError, match="sampler must be a function"):
             make(TOWER, sampler="hard")
-    with pytest.raises(ValueError, match="evaluation=True plays every task of the split once; leave out sampler"):
+    with pytest.raises(ValueError, match="leave out sampler"):
         gym.make_vec(TOWER, num_envs=2, sampler=sample_new, evaluation=True)
 
 
@@ -168,7 +168,7 @@ def test_restored_state__can_be_that_of_one_environment_everywhere(make: Any) ->
     with pytest.raises(ValueError, match="cannot be played here"):
         other.restore_state(envs.save_state())
     assert other.np_random_seed == tuple(range(envs.num_envs))
-    with pytest.raises(ValueError, match=r"state must have .* elements, one for each environment, not 1"):
+    with pytest.raises(ValueError, match=r"one for each environment, not 1"):
         envs.restore_state(state[:1])
 
 

@@ -45,7 +45,7 @@ def test_after_close__everything_raises(kind: str, is_reset: bool) -> None:
     base = env.unwrapped
     for name in (*EPISODE, *BATCH, "change_tasks"):
         if hasattr(type(base), name):
-            with pytest.raises(gym.error.ClosedEnvironmentError, match="this environment is closed; make a new one"):
+            with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
                 getattr(base, name)(*ARGUMENTS.get(name, ()))
 
 
@@ -122,7 +122,7 @@ def test_masks__are_attributes_of_the_packages_own_wrappers() -> None:
 
 def test_masks__other_environments_have_none() -> None:
     envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
-    with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):
+    with pytest.raises(TypeError, match="one of this package's environments"):
         lilgym_mp.action_masks(envs)
 
 
@@ -135,7 +135,7 @@ def test_masks__other_environments_have_none() -> None:
     ],
 )
 def test_ids_of_the_release__name_the_new_one(make: Any) -> None:
-    with pytest.raises(gym.error.NameNotFound, match="this environment's id is 'lilgym_mp/ScatterFlipIt-v0'"):
+    with pytest.raises(gym.error.NameNotFound, match="'lilgym_mp/ScatterFlipIt-v0'"):
         make("ScatterFlipIt-v0", data="data")
 
 

@@ -208,7 +208,7 @@ def test_before_reset__access_to_the_state_raises_reset_needed():
         lambda: env.state,
     ]
     for use in uses:
-        with pytest.raises(gym.error.ResetNeeded, match="before the first reset; call reset first"):
+        with pytest.raises(gym.error.ResetNeeded, match="call reset first"):
             use()
 
 

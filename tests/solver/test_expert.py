@@ -66,7 +66,7 @@ def test_expert__accepts_wrapped_environments():
 
 
 def test_expert__needs_an_environment_of_this_package():
-    with pytest.raises(TypeError, match="the expert needs an environment of lilgym-mp"):
+    with pytest.raises(TypeError, match="an environment of lilgym-mp"):
         Expert(gym.make("CartPole-v1"))
 
 

@@ -49,7 +49,7 @@ def test_horizon__leaves_its_last_action_to_stop(rules: str):
 
 def test_horizon__that_is_over_is_a_value_error():
     state = State(task(SIX_BLOCKS), Scene.empty(), steps=12)
-    with pytest.raises(ValueError, match="no action is left: 12 of 12 were taken"):
+    with pytest.raises(ValueError, match="12 of 12 were taken"):
         Solver(mdp("tower")).solve_from(state)
 
 
@@ -67,5 +67,5 @@ def test_budget__that_is_exhausted_is_no_proof():
 
 @pytest.mark.parametrize("budget", [0, -1, True, 1.5])
 def test_budget__must_be_positive(budget: int):
-    with pytest.raises(ValueError, match=f"budget must be a positive whole number of scenes or None, not {budget}"):
+    with pytest.raises(ValueError, match=f"or None, not {budget}"):
         Solver(mdp("tower"), budget)

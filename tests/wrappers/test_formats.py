@@ -163,5 +163,5 @@ def test_format__refuses_observations_without_parts(make: Make, wrapper: Any):
 
 
 def test_channels_first__refuses_observations_without_an_image(make: Make):
-    with pytest.raises(WrongEnvironment, match="ChannelsFirst needs observations with a part 'image'"):
+    with pytest.raises(WrongEnvironment, match="with a part 'image'"):
         ChannelsFirst(StructuredObservation(make("TowerScratch")))

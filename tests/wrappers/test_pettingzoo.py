@@ -78,7 +78,7 @@ def test_format__transforms_each_agents_observation(settings: dict[str, Any]):
 
 def test_format__refuses_to_reveal_a_hidden_scene(settings: dict[str, Any]):
     views = {PROPOSER: "image", VERIFIER: {"scene": "none"}}
-    with pytest.raises(WrongEnvironment, match="StructuredObservation needs observations that show the scene"):
+    with pytest.raises(WrongEnvironment, match="StructuredObservation needs"):
         wrappers.structured_observation_v0(env(**settings, views=views))
 
 
@@ -140,7 +140,7 @@ def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Ca
 
 
 def test_wrapper_of_rewards__is_refused(settings: dict[str, Any]):
-    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards; the game's own are a setting"):
+    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards"):
         wrappers.potential_shaping_v0(env(**settings))
 
 

@@ -61,7 +61,7 @@ def test_observe__shows_where_stop_succeeds_and_changes_nothing_else(make: Make)
 
 @pytest.mark.parametrize("mode", ["mask", "replace", "observe"])
 def test_evaluation_splits__are_refused_unless_allowed(make: Make, mode: str):
-    with pytest.raises(ValueError, match="StopForcing is for training: split 'dev' is for evaluation"):
+    with pytest.raises(ValueError, match="split 'dev' is for evaluation"):
         StopForcing(make("TowerScratch", split="dev"), mode=mode)
     StopForcing(make("TowerScratch", split="dev"), mode=mode, allow_evaluation=True)
 

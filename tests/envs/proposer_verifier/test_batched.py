@@ -98,9 +98,9 @@ def test_tasks_and_sampler__choose_what_is_played():
     *_, infos = games.step({PROPOSER: np.full(3, ADD_BLUE), VERIFIER: np.array([CONTINUE, STOP_NOW, CONTINUE])})
     assert infos["task_index"].tolist() == [1, 2, 1]
     assert asked == [[0, 1, 2], [1]]
-    with pytest.raises(ValueError, match=r"the game is played on tower; tasks of scatter do not fit it"):
+    with pytest.raises(ValueError, match=r"tower; tasks of scatter"):
         BatchedGames(1, tasks=BatchedGames(1, appearance="scatter").tasks)
-    with pytest.raises(ValueError, match=r"the sampler must return 3 task indices 0 \.\. 3, not array\(\[9, 9, 9\]\)"):
+    with pytest.raises(ValueError, match=r"3 task indices 0 \.\. 3, not array\(\[9, 9, 9\]\)"):
         BatchedGames(3, tasks=some, sampler=lambda indices: np.full(3, 9)).reset(seed=0)
 
 
@@ -140,7 +140,7 @@ def test_step__refuses_invalid_batches_of_actions():
         with pytest.raises(ValueError, match=r"not -1|'nothing'|'kind'; choose from deceptive, helpful"):
             batch.reset(**arguments)
     batch.reset(seed=0)
-    with pytest.raises(TypeError, match="a BatchedGames cannot be pickled or copied"):
+    with pytest.raises(TypeError, match="BatchedGames"):
         copy.deepcopy(batch)
     with pytest.raises(TurnError, match="for proposer_0 and verifier_0, not for no agent"):
         batch.step({})

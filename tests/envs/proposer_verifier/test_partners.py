@@ -104,7 +104,7 @@ def test_single_agent_view__refuses_invalid_arguments():
     for arguments, message in refused:
         with pytest.raises((TypeError, ValueError), match=message):
             SingleAgentView(*arguments)
-    with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
+    with pytest.raises(ValueError, match="between 0 and 1, not 2"):
         OracleVerifier(error_rate=2)
 
 

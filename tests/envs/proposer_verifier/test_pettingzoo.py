@@ -208,7 +208,7 @@ def test_options_and_seeds__that_are_wrong_change_nothing(form: str):
     for options, message in WRONG_OPTIONS:
         with pytest.raises(ValueError, match=message):
             game.reset(seed=1, options=options)
-    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not -3"):
+    with pytest.raises(ValueError, match="not -3"):
         game.reset(seed=-3, options={"task": OTHER})
     assert game.unwrapped.task == GIVEN
     game.reset(seed=2, options={"camera": "left", "task": GIVEN})  # of another layer
@@ -246,7 +246,7 @@ def test_step__refuses_actions_for_others_and_outside_the_action_space():
     game.reset(seed=0)
     turns.reset(seed=0)
     for actions in ({}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}):
-        with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
+        with pytest.raises(TurnError, match="for proposer_0 and verifier_0, not for"):
             game.step(actions)
     for played, actions in ((game, {PROPOSER: 14, VERIFIER: 2}), (turns, 14)):
         with pytest.raises(ActionError, match=r"14 of proposer_0 is out of range; choose from 0 .. 13"):

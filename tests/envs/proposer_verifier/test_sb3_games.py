@@ -86,7 +86,7 @@ def test_wrong_arguments__are_named():
     games.reset()
     with pytest.raises(ActionError, match="99"):
         games.step(np.array([0, 99]))
-    with pytest.raises(AttributeError, match="games in a batch have no 'task'; choose from action_masks, agent"):
+    with pytest.raises(AttributeError, match="'task'; choose from action_masks, agent"):
         games.get_attr("task")
 
 

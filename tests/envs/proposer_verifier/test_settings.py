@@ -67,11 +67,11 @@ def test_configuration__sets_appearance_and_start(name: str):
 
 
 def test_render_mode__is_refused_with_the_choices():
-    with pytest.raises(ValueError, match="unknown render_mode 'film'; choose from ansi, human, rgb_array"):
+    with pytest.raises(ValueError, match="'film'; choose from ansi, human, rgb_array"):
         env(render_mode="film")
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, True])
 def test_number_of_games__must_be_positive(count: Any):
-    with pytest.raises(ValueError, match="num_games must be a positive whole number, not"):
+    with pytest.raises(ValueError, match="num_games must be a positive"):
         BatchedGames(count)
