@@ -432,6 +432,10 @@ class _GamePlayer(_Player):
             _require(
                 not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
             )
+            is_allowed = all(event.mask[each][event.action[each]] for each in event.action)
+            _require(
+                not is_allowed or info.get("outcome") != "invalid_action", f"the masks allow an invalid edit: {info}"
+            )
             _require(event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
 
 

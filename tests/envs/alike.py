@@ -1,8 +1,10 @@
-"""Random actions and compiled cores."""
+"""Random actions, compiled cores, and forks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -45,3 +47,20 @@ def compiled_core(dynamics: Dynamics, tasks: Sequence[Task]) -> tuple[Core, Buff
     buffers = Buffers.new(buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP))
     own = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
     return CORES[dynamics.appearance.name](dynamics, own, buffers, "half"), buffers
+
+
+def in_fork(use: Callable[[], object]) -> str:
+    """What a function gives, or raises, in a forked child, as `repr` shows it."""
+    hear, tell = multiprocessing.Pipe(duplex=False)
+
+    def tried() -> None:
+        try:
+            tell.send(repr(use()))
+        except BaseException as fault:
+            tell.send(repr(fault))
+        os._exit(0)
+
+    child = multiprocessing.get_context("fork").Process(target=tried)
+    child.start()
+    child.join()
+    return hear.recv()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -13,6 +13,7 @@ import pytest
 
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.testing import assert_same
+from tests.envs.alike import in_fork
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 MAKERS: dict[str, Callable[..., Any]] = {
@@ -122,33 +123,22 @@ def test_attributes_of_batches__that_would_do_nothing_cannot_be_set(name: str) -
         setattr(envs, name, getattr(envs, name))
 
 
-def tasks_of(env: Any, *, reset: bool) -> str:
+def tasks_of(env: Any, *, reset: bool) -> list[Any]:
     """The tasks of eight episodes, started by `reset` or by a batch itself."""
     if reset:
-        return repr([env.reset()[1]["task"] for _ in range(8)])
-    stop = np.zeros(env.num_envs, np.int64)
-    return repr([env.step(stop)[-1].get("task") for _ in range(16)])
+        return [str(env.reset()[1]["task"]) for _ in range(8)]
+    return [str(env.step(np.zeros(env.num_envs, np.int64))[-1].get("task")) for _ in range(16)]
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize(("kind", "reset"), [("single", True), ("batch", True), ("batch", False)])
 @pytest.mark.parametrize("seed", [None, 3])
 def test_fork__draws_other_tasks_unless_seeded(kind: str, reset: bool, seed: int | None) -> None:
     env = MAKERS[kind](TOWER)
     env.reset(seed=seed)
-    drawn: list[bytes] = []
-    for _ in range(2):
-        reading, writing = os.pipe()
-        if not (child := os.fork()):
-            os.write(writing, tasks_of(env, reset=reset).encode())
-            os._exit(0)
-        os.waitpid(child, 0)
-        drawn.append(os.read(reading, 10_000))
-        os.close(reading)
-        os.close(writing)
-    assert drawn[0]
-    assert (drawn[0] == drawn[1]) is (seed is not None)
+    one, other = (in_fork(partial(tasks_of, env, reset=reset)) for _ in range(2))
+    assert "tower-" in one
+    assert (one == other) is (seed is not None)
 
 
 @pytest.mark.parametrize("start_method", [None, "forkserver"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp import testing
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.rules import make_dynamics
@@ -41,10 +40,8 @@ def corpus(tmp_path: Path) -> str:
         }
         for count, word, split in ((2, "two", "train"), (3, "three", "train"), (1, "one", "dev"))
     ]
-    path = tmp_path / "lamps.jsonl"
-    header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
-    path.write_text("\n".join(json.dumps(line) for line in (header, *entries)) + "\n")
-    return str(path)
+    write_corpus(tmp_path / "lamps.jsonl", "lamps", "MIT", entries)
+    return str(tmp_path / "lamps.jsonl")
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])

@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 from multiprocessing.popen_fork import Popen
 
@@ -18,6 +17,7 @@ import pytest
 
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
+from tests.envs.alike import in_fork
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
@@ -116,24 +116,6 @@ def test_a_fork_of_the_caller__does_not_keep_workers_alive() -> None:
             assert is_running(child)
         finally:
             os.kill(child, signal.SIGKILL)
-
-
-def in_fork(use: Callable[[], object]) -> str:
-    """What came of a use in a forked child: "None", or the exception."""
-    hear, tell = multiprocessing.Pipe(duplex=False)
-
-    def tried() -> None:
-        try:
-            use()
-            tell.send("None")
-        except BaseException as fault:
-            tell.send(repr(fault))
-        os._exit(0)
-
-    child = multiprocessing.get_context("fork").Process(target=tried)
-    child.start()
-    child.join()
-    return hear.recv()
 
 
 def test_a_fork_of_the_caller__cannot_harm_the_environment() -> None:

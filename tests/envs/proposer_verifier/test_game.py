@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from hypothesis import given
-from hypothesis import strategies as st
 
-from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
+from lilgym_mp.envs.proposer_verifier import Intent, Role, TurnError
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
-from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import (
     ACCEPT,
@@ -174,33 +170,3 @@ def test_engine__refuses_invalid_actions(action: Any):
     engine.reset(0, None)
     with pytest.raises(ActionError, match="proposer_0"):
         engine.step(action, None)
-
-
-GAMES = {
-    (protocol, words): game(protocol=protocol, message_size=words, views={"history": 2})
-    for protocol in PROTOCOLS
-    for words in (0, 2)
-}
-
-
-@given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
-def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, int], chances: list[int]):
-    this = GAMES[key]
-    played = OneGame(this)
-    for chance in chances:
-        movers = played.movers
-        if not movers:
-            break
-        actions = {role: chance % this.action_counts[role] for role in movers}
-        masks = {role: played.games.masks(role, 0) for role in movers}
-        step = played.step(*actions.values())
-        for role in movers:
-            assert masks[role].dtype == np.int8
-            assert masks[role].any()
-            if masks[role][actions[role]]:
-                assert not step.illegal[role]
-                assert role is VERIFIER or step.outcome is not Outcome.INVALID_ACTION
-            elif step.illegal[role]:
-                assert not masks[role][actions[role]]
-        assert bool(step.movers) != (step.terminated or step.truncated)
-        assert step.state.mdp.steps <= this.dynamics.horizon
