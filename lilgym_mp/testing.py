@@ -422,16 +422,19 @@ class _GamePlayer(_Player):
         return [None] * self.count
 
     def check(self, event: Event, *, exact_masks: bool) -> None:
+        proposer, *_ = self.observation_space
         for agent, space in self.observation_space.items():
             _require(event.observation[agent] in space, f"an observation of {agent} is not in its space")
             if event.action is None or event.info is None:
                 continue
             action = event.action[agent]
             info = event.info[agent]
+            is_allowed = event.mask[agent][action]
             is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
-            _require(
-                not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
-            )
+            _require(not (is_allowed and is_illegal), f"the mask allows {agent} {action}, which is illegal")
+            is_edit = agent == proposer and event.mask[agent].sum() > 1  # otherwise it waits
+            is_invalid = is_edit and info.get("outcome") == "invalid_action"
+            _require(not (is_allowed and is_invalid), f"the mask allows {agent} {action}, which is invalid")
             is_allowed = all(event.mask[each][event.action[each]] for each in event.action)
             _require(
                 not is_allowed or info.get("outcome") != "invalid_action", f"the masks allow an invalid edit: {info}"
