@@ -235,10 +235,11 @@ class _Player:
     def reset(self, seed: int | None) -> list[Event]: ...
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]: ...
     def masks(self) -> Sequence[Any]: ...
-    def goals(self) -> Sequence[Any]: ...
 
-    def states(self) -> Sequence[Any]:
+    def goals(self) -> Sequence[Any]:
         return [None] * self.count
+
+    states = goals
 
     def close(self) -> None:
         self.env.close()
@@ -394,10 +395,7 @@ class _Seats(_Singles):
     def __init__(self, envs: list[Any]) -> None:
         super().__init__(envs, _as_in_sb3)
 
-    def goals(self) -> Sequence[Any]:
-        return [None] * self.count
-
-    states = goals
+    goals = states = _Player.goals
 
 
 class _SB3Seats(_SB3):
@@ -406,20 +404,16 @@ class _SB3Seats(_SB3):
     def _start(self, observations: Any, env_id: int) -> Event:
         return Event(row_of(observations, env_id), None)
 
-    goals = states = _Seats.goals
+    goals = states = _Player.goals
 
 
 class _GamePlayer(_Player):
     """Games; actions, masks, rewards and infos are by agent."""
 
     last: list[Event]  # of each game
-    states = _Player.states
 
     def masks(self) -> Sequence[Any]:
         return [{agent: event.observation[agent]["action_mask"] for agent in self.action_space} for event in self.last]
-
-    def goals(self) -> Sequence[Any]:
-        return [None] * self.count
 
     def check(self, event: Event, *, exact_masks: bool) -> None:
         proposer, *_ = self.observation_space
@@ -429,21 +423,16 @@ class _GamePlayer(_Player):
                 continue
             action = event.action[agent]
             info = event.info[agent]
-            is_allowed = event.mask[agent][action]
-            is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
-            _require(not (is_allowed and is_illegal), f"the mask allows {agent} {action}, which is illegal")
             is_edit = agent == proposer and event.mask[agent].sum() > 1  # otherwise it waits
-            is_invalid = is_edit and info.get("outcome") == "invalid_action"
-            _require(not (is_allowed and is_invalid), f"the mask allows {agent} {action}, which is invalid")
-            is_allowed = all(event.mask[each][event.action[each]] for each in event.action)
-            _require(
-                not is_allowed or info.get("outcome") != "invalid_action", f"the masks allow an invalid edit: {info}"
-            )
+            is_wrong = "illegal_choice" in info or (is_edit and info.get("outcome") == "invalid_action")
+            _require(not (event.mask[agent][action] and is_wrong), f"the mask allows {agent} {action}, but: {info}")
             _require(event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
 
 
 class _ParallelGames(_GamePlayer, _Singles):
     """Parallel environments of PettingZoo."""
+
+    goals = states = _Player.goals
 
     def __init__(self, envs: list[Any]) -> None:
         self.envs, self.count, self.agents = envs, len(envs), envs[0].possible_agents
