@@ -59,7 +59,7 @@ def test_both_seats__are_two_rows_of_a_game_of_a_batch(protocol: str):
             assert np.array_equal(get_action_masks(games)[seat::2], expected[agent]["action_mask"])
         seen, rewards, dones, infos = games.step(actions)
         expected, payed, *_ = batch.step({PROPOSER: actions[::2], VERIFIER: actions[1::2]})
-        assert rewards.reshape(-1, 2).T.tolist() == pytest.approx([*map(list, payed.values())])
+        assert rewards == pytest.approx(np.stack([*payed.values()], axis=1).ravel())
         ended += dones.sum()
     assert ended > GAMES
     assert [info["agent"] for info in infos] == [*AGENTS] * GAMES
