@@ -1,11 +1,7 @@
 """Actions: indices, the released array form, and invalid values."""
 
-from __future__ import annotations
-
 import random
-from collections.abc import Iterable
 from itertools import product
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,7 +9,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import STOP, ActionError, AddBlock, AddItem, RemoveItem, describe, named
-from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
+from lilgym_mp.scene.appearances import Scatter, Tower
 
 TOWER = Tower()
 SCATTER = Scatter()
@@ -21,7 +17,7 @@ PIXELS = Scatter((380, 100))
 GRIDS = [(19, 5), (19, 1), (95, 4), (380, 100)]
 
 
-def all_or_sampled(appearance: Appearance) -> Iterable[int]:
+def all_or_sampled(appearance):
     """The indices of all actions, or the first and last of each type and 3,000 random ones."""
     count = appearance.action_count
     if count < 10_000:
@@ -32,7 +28,7 @@ def all_or_sampled(appearance: Appearance) -> Iterable[int]:
 
 
 @pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
-def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance: Appearance):
+def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance):
     for index in all_or_sampled(appearance):
         action = appearance.decode(index)
         assert appearance.encode(action) == index
@@ -40,7 +36,7 @@ def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearan
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(grid: tuple[int, int]):
+def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(grid):
     columns, rows = grid
     scatter = Scatter(grid)
     assert scatter.decode(0) == STOP
@@ -63,7 +59,7 @@ def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(
         (PIXELS, "2 379 99 -1 -1 -1", "REMOVE(379, 99)"),
     ],
 )
-def test_array_form__is_converted_both_ways(appearance: Appearance, values: str, action: str):
+def test_array_form__is_converted_both_ways(appearance, values, action):
     array = [*map(int, values.split())]
     assert describe(appearance.from_array(array)) == action
     assert appearance.to_array(named(action)) == array
@@ -81,15 +77,13 @@ def test_array_form__is_converted_both_ways(appearance: Appearance, values: str,
         (SCATTER, [2, 0, 5, 0, 0, 0], r"y 5 .*; choose from 0 \.\. 4"),
     ],
 )
-def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(
-    appearance: Appearance, values: Any, message: str
-):
+def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(appearance, values, message):
     with pytest.raises(ActionError, match=message):
         appearance.from_array(values)
 
 
 @given(st.lists(st.integers(-3, 20) | st.floats() | st.none() | st.text(max_size=2), max_size=8))
-def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[Any]):
+def test_array_form__any_list_is_an_action_or_raises_action_error(values):
     for appearance in (TOWER, SCATTER):
         try:
             action = appearance.from_array(values)
@@ -108,6 +102,6 @@ def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[A
         (SCATTER, RemoveItem(19, 0)),
     ],
 )
-def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearance, action: Any):
+def test_encode__an_action_of_another_appearance_is_refused(appearance, action):
     with pytest.raises(ActionError):
         appearance.encode(action)

@@ -1,7 +1,5 @@
 """Recolouring: rewriting, refusals, and commuting with truth values and the rules."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
@@ -14,7 +12,7 @@ from lilgym_mp.learning.common.augmentation import RECOLOURINGS, Recolouring, re
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
+from lilgym_mp.scene.appearances import Scatter, Tower
 from tests.scenes import B, K, Y, scene, tower
 
 ROTATED = Recolouring((K, B, Y))
@@ -46,12 +44,12 @@ def test_task__statement_program_and_scene_change_consistently():
         "A black one, but ablue block and a blue one.",
     ],
 )
-def test_recolourable__only_if_statement_and_program_name_the_same_colours(statement: str):
+def test_recolourable__only_if_statement_and_program_name_the_same_colours(statement):
     assert not recolourable(statement, NOT_BLACK.program)
     assert recolourable("There is a black one, and back there a blue block.", NOT_BLACK.program)
 
 
-def check_truths(corpus: str, split: str, step: int, count: int) -> int:
+def check_truths(corpus, split, step, count):
     """Asserts that truth values follow every recolouring of a corpus's tasks; returns how many are recolourable."""
     rng, found = random.Random(3), 0
     for appearance in ("tower", "scatter"):
@@ -76,7 +74,7 @@ def test_official_programs__truth_follows_every_recolouring():
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()], ids=str)
-def test_action__recolouring_commutes_with_steps_and_masks(appearance: Appearance):
+def test_action__recolouring_commutes_with_steps_and_masks(appearance):
     rng, placement = np.random.default_rng(11), RULE_SETS["paper"].placement
     actions = [appearance.encode(ROTATED.action(appearance.decode(each))) for each in range(appearance.action_count)]
     for _ in range(12):

@@ -1,7 +1,5 @@
 """The code in docs/extending.md does what the recipes say, in the files that they name."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -12,7 +10,6 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from textwrap import dedent
 from types import SimpleNamespace
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -84,7 +81,7 @@ for number, command in enumerate(sys.argv[1:]):
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(tmp_path_factory):
     """A directory with an installed package that nobody imports, its corpus and recorded episodes to come."""
     path = tmp_path_factory.mktemp("installed")
     package = path / "lamp_world"
@@ -111,7 +108,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def run_in(installed: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_in(installed, *arguments):
     """What a new process of Python does in which the package is installed."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(installed)))}
     return subprocess.run(
@@ -153,23 +150,23 @@ LONG_FIRST = {
 }
 
 
-def said_by(installed: Path, commands: dict[str, str]) -> dict[str, str]:
+def said_by(installed, commands):
     """What commands say, each as the first of its process."""
     run_in(installed, "first.py", *commands)
     return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(commands)}
 
 
 @pytest.fixture(scope="module")
-def said(installed: Path) -> dict[str, str]:
+def said(installed):
     return said_by(installed, FIRST)
 
 
 @pytest.fixture(scope="module")
-def said_at_length(installed: Path) -> dict[str, str]:
+def said_at_length(installed):
     return said_by(installed, LONG_FIRST)
 
 
-def check_said(command: str, said: str, expected: str) -> None:
+def check_said(command, said, expected):
     for word, module in (("train", "torch"), ("--protocol", "pettingzoo")):
         if word in command.split():
             pytest.importorskip(module, reason=f"{module} is not installed")
@@ -178,31 +175,31 @@ def check_said(command: str, said: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize("command", FIRST)
-def test_first_command__knows_what_an_installed_package_adds(said: dict[str, str], command: str) -> None:
+def test_first_command__knows_what_an_installed_package_adds(said, command):
     check_said(command, said[command], FIRST[command])
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("command", LONG_FIRST)
-def test_first_long_command__knows_what_an_installed_package_adds(said_at_length: dict[str, str], command: str) -> None:
+def test_first_long_command__knows_what_an_installed_package_adds(said_at_length, command):
     check_said(command, said_at_length[command], LONG_FIRST[command])
 
 
-def test_recipes__work_in_batches_workers_and_games(installed: Path) -> None:
+def test_recipes__work_in_batches_workers_and_games(installed):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     done = run_in(installed, "use.py", "lamps.jsonl")
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
 
 
 @pytest.mark.long
-def test_browser__plays_an_appearance_of_an_installed_package(installed: Path) -> None:
+def test_browser__plays_an_appearance_of_an_installed_package(installed):
     pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
     done = run_in(installed, "web.py")
     assert done.stdout.splitlines()[-1:] == ["201 Exactly two of the lamps shine."], done.stderr
 
 
 @pytest.mark.long
-def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed: Path) -> None:
+def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed):
     pytest.importorskip("matplotlib", reason="reports need the extra `report`")
     policy = ("--policy", "random-legal", "--record", "recorded")
     run_in(installed, "-m", "lilgym_mp", "evaluate", *policy, "--configuration", *LAMPS_TRAIN.split())
@@ -210,8 +207,8 @@ def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(insta
     assert "LampsScratch" in (installed / "page" / "index.html").read_text()
 
 
-def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    loaded: list[str] = []
+def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch):
+    loaded = []
     broken = EntryPoint("broken", "no_such_module", choices.EXTENSIONS)
     monkeypatch.setattr(choices, "_PENDING", iter([broken, SimpleNamespace(load=lambda: loaded.append("good"))]))
     with pytest.warns(UserWarning, match="'broken' .*no_such_module"):
@@ -219,13 +216,13 @@ def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch
     assert loaded == ["good"]
 
 
-def test_extension__that_exits_is_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_extension__that_exits_is_one_warning(monkeypatch):
     monkeypatch.setattr(choices, "_PENDING", iter([SimpleNamespace(name="rude", load=lambda: sys.exit(3))]))
     with pytest.warns(UserWarning, match="'rude' cannot be imported: SystemExit"):
         choices.load_extensions()
 
 
-def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
+def test_registrations__of_a_name_that_is_taken_are_refused():
     for register, message in (
         (partial(register_appearance, "tower", "module:function"), "appearance 'tower' is already registered"),
         (partial(protocols.register_protocol, protocols.PROTOCOLS["veto"]), "protocol 'veto' is already registered"),
@@ -235,8 +232,8 @@ def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
             register()
 
 
-def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -> None:
-    names: dict[str, Any] = {}
+def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch():
+    names = {}
     exec(WRAPPER, names)
     item_count_v0 = factory(names["ItemCount"])
     env = item_count_v0(gym.make("lilgym_mp/TowerFlipIt-v0"))
@@ -248,7 +245,7 @@ def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -
     assert np.shape(batch.reset(seed=0)[0]["items"]) == (3,)
 
 
-def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     from lilgym_mp.envs.proposer_verifier import parallel_env
 
@@ -263,7 +260,7 @@ def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyP
     assert game.engine.state.mdp.steps == 1
 
 
-def test_recipes__name_existing_files() -> None:
+def test_recipes__name_existing_files():
     new = ("item_count.py", "appearances/lamps.py", "learning/sarsa", "own_statements")
     named = re.findall(r"`((?:lilgym_mp|wrappers|tests|docs|scripts)/[\w/.*]+)`", TEXT)
     missing = [name for name in named if not any(part in name for part in new) and not list(ROOT.glob(name))]
@@ -271,9 +268,9 @@ def test_recipes__name_existing_files() -> None:
     assert missing == []
 
 
-def test_recipe_of_rewards__punishes_accepted_false_claims() -> None:
+def test_recipe_of_rewards__punishes_accepted_false_claims():
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
-    names: dict[str, Any] = {}
+    names = {}
     exec(REWARDS, names)
     game = names["game"]
     game.reset(seed=0)

@@ -1,20 +1,17 @@
 """Tasks, the table of rewards and termination of the MDP (docs/spec.md, "Rule sets"), and purity of steps."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.envs.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Outcome, State, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import STOP, Action, AddBlock, RemoveBlock, named
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock, named
 from lilgym_mp.scene.appearances import APPEARANCES, InvalidReason, make_appearance
 from tests.scenes import SCENES, B, K, scene, scene_of, tower
 
@@ -50,12 +47,12 @@ release last  wait    true  | horizon        -0.1 truncated
 ACTIONS = {"stop": STOP, "add": ADD, "invalid": INVALID}
 
 
-def task(start: Scene, *, target: bool = True, program: str = BLUE_IS_HERE) -> Task:
+def task(start, *, target=True, program=BLUE_IS_HERE):
     return Task("own", "Blue is here.", program, target, start)
 
 
 @pytest.mark.parametrize("line", TABLE.strip().splitlines())
-def test_step__reward_flags_and_scene_are_those_of_the_table(line: str):
+def test_step__reward_flags_and_scene_are_those_of_the_table(line):
     given, expected = line.split("|")
     rules, when, name, true = given.split()
     outcome, reward, *flags = expected.split()
@@ -71,7 +68,7 @@ def test_step__reward_flags_and_scene_are_those_of_the_table(line: str):
 
 
 @pytest.mark.parametrize("target", [True, False])
-def test_stop__succeeds_if_the_truth_is_the_target(target: bool):
+def test_stop__succeeds_if_the_truth_is_the_target(target):
     dynamics = make_dynamics(make_appearance("tower"))
     for start, truth in ((BLUE, True), (BLACK, False)):
         state = dynamics.start(task(start, target=target))
@@ -80,7 +77,7 @@ def test_stop__succeeds_if_the_truth_is_the_target(target: bool):
 
 
 @pytest.mark.parametrize(("rules", "horizon"), [("paper", 12), ("release", 11)])
-def test_default_horizon__is_the_rule_sets(rules: str, horizon: int):
+def test_default_horizon__is_the_rule_sets(rules, horizon):
     dynamics = make_dynamics(make_appearance("tower"), rules)
     assert dynamics.horizon == horizon
     state, outcomes = dynamics.start(task(BLACK)), []
@@ -92,7 +89,7 @@ def test_default_horizon__is_the_rule_sets(rules: str, horizon: int):
 
 
 @pytest.mark.parametrize("horizon", [0, -1, 2.0, "12", True])
-def test_horizon__an_invalid_value_is_refused(horizon: Any):
+def test_horizon__an_invalid_value_is_refused(horizon):
     with pytest.raises(ValueError, match=r"horizon must be a positive whole number"):
         make_dynamics(make_appearance("tower"), "paper", horizon)
 
@@ -108,7 +105,7 @@ def test_horizon__an_invalid_value_is_refused(horizon: Any):
     ],
 )
 @pytest.mark.parametrize("rules", RULE_SETS)
-def test_scatter_step__an_invalid_action_has_a_reason_and_keeps_the_scene(rules: str, text: str, reason: str):
+def test_scatter_step__an_invalid_action_has_a_reason_and_keeps_the_scene(rules, text, reason):
     dynamics = make_dynamics(make_appearance("scatter"), rules)
     before = scene_of("square 0,0")
     transition = dynamics.step(dynamics.start(task(before)), named(text))
@@ -117,7 +114,7 @@ def test_scatter_step__an_invalid_action_has_a_reason_and_keeps_the_scene(rules:
 
 
 @st.composite
-def states_and_actions(draw: st.DrawFn) -> tuple[Dynamics, State, Action]:
+def states_and_actions(draw):
     name = draw(st.sampled_from(sorted(APPEARANCES)))
     dynamics = make_dynamics(make_appearance(name), draw(st.sampled_from(sorted(RULE_SETS))), HORIZON)
     start = draw(SCENES[name])
@@ -127,7 +124,7 @@ def states_and_actions(draw: st.DrawFn) -> tuple[Dynamics, State, Action]:
 
 
 @given(states_and_actions())
-def test_step__is_pure_and_masks_are_independent_of_earlier_calls(given_case: tuple[Dynamics, State, Action]):
+def test_step__is_pure_and_masks_are_independent_of_earlier_calls(given_case):
     dynamics, state, action = given_case
     before = copy.deepcopy(state)
     mask = dynamics.legal_mask(state)
@@ -163,7 +160,7 @@ def test_task_json__gives_the_task_back():
         ({"start": [[], []]}, "a scene has 3 boxes, not 2"),
     ],
 )
-def test_task_json__of_another_form_is_refused(change: dict[str, object], message: str):
+def test_task_json__of_another_form_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         Task.from_json({**SOME_BLUE.to_json(), **change})
     with pytest.raises(ValueError, match="a task must be an object"):

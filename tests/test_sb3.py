@@ -1,14 +1,9 @@
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing import forkserver
-from pathlib import Path
-from typing import Any
 from unittest import mock
 
 import gymnasium as gym
@@ -28,7 +23,6 @@ from sb3_contrib.common.maskable.utils import get_action_masks
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
-    VecEnv,
     VecFrameStack,
     VecMonitor,
 )
@@ -61,10 +55,10 @@ pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded
 
 
 @pytest.fixture
-def made() -> Iterator[Any]:
-    envs: list[VecEnv] = []
+def made():
+    envs = []
 
-    def make(id: str, backend: str, **settings: Any) -> VecEnv:
+    def make(id, backend, **settings):
         if backend == "workers":
             settings = {"num_workers": 2, **settings}
         if backend == "subproc":
@@ -77,7 +71,7 @@ def made() -> Iterator[Any]:
         env.close()
 
 
-def test_masks__of_a_batch_cost_one_call(made: Any) -> None:
+def test_masks__of_a_batch_cost_one_call(made):
     env = made(SCATTER, "batched", monitor=False)
     env.reset()
     with mock.patch.object(env.venv, "action_masks", side_effect=env.venv.action_masks) as masks:
@@ -92,7 +86,7 @@ SPACES = ("action_space", "observation_space")
 @pytest.mark.parametrize(
     ("backend", "wrap"), [("batched", None), ("batched", vector_wrappers.NormalizeReward), ("workers", stop_forcing_v0)]
 )
-def test_attributes__are_those_of_single_environments(made: Any, backend: str, wrap: Any) -> None:
+def test_attributes__are_those_of_single_environments(made, backend, wrap):
     ours, theirs = made(SCATTER, backend, seed=1, wrap=wrap), made(SCATTER, "dummy", seed=1)
     for env in (ours, theirs):
         env.reset()
@@ -113,7 +107,7 @@ def test_attributes__are_those_of_single_environments(made: Any, backend: str, w
         ours.env_method("explode")
 
 
-def test_attributes__of_wrappers_can_be_read_and_set(made: Any) -> None:
+def test_attributes__of_wrappers_can_be_read_and_set(made):
     wrap = lambda envs: vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(envs))  # noqa: E731
     env = made(TOWER, "batched", seed=0, wrap=wrap)
     env.reset()
@@ -127,7 +121,7 @@ def test_attributes__of_wrappers_can_be_read_and_set(made: Any) -> None:
             env.set_attr(name, False, indices)
 
 
-def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
+def test_wrapping__is_told_alike_by_all_backends(made):
     for backend in ("batched", "dummy"):
         env = made(TOWER, backend, wrap=stop_forcing_v0)
         assert env.env_is_wrapped(StopForcing) == [True] * COUNT
@@ -135,7 +129,7 @@ def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
 
 
 @pytest.mark.parametrize("mode", ["ansi", "rgb_array"])
-def test_render__works_in_every_mode(made: Any, mode: str) -> None:
+def test_render__works_in_every_mode(made, mode):
     ours, theirs = (made(TOWER, backend, seed=1, render_mode=mode) for backend in ("batched", "dummy"))
     for env in (ours, theirs):
         env.reset()
@@ -143,7 +137,7 @@ def test_render__works_in_every_mode(made: Any, mode: str) -> None:
     assert_same(list(ours.env_method("render")), theirs.env_method("render"))
 
 
-def darker(observations: Any) -> Any:
+def darker(observations):
     return {**observations, "image": observations["image"] // 2}
 
 
@@ -159,7 +153,7 @@ VECTOR_WRAPPERS = {
 @pytest.mark.parametrize(
     ("backend", "name"), [*(("batched", name) for name in VECTOR_WRAPPERS), ("workers", "own key")]
 )
-def test_gymnasiums_vector_wrappers__keep_masks_and_infos(made: Any, backend: str, name: str) -> None:
+def test_gymnasiums_vector_wrappers__keep_masks_and_infos(made, backend, name):
     env, plain = made(TOWER, backend, seed=1, wrap=VECTOR_WRAPPERS[name]), made(TOWER, backend, seed=1)
     change = darker if name == "observations" else lambda observations: observations
     assert_same(env.reset(), change(plain.reset()))
@@ -176,7 +170,7 @@ def test_gymnasiums_vector_wrappers__keep_masks_and_infos(made: Any, backend: st
 
 
 @pytest.mark.parametrize("backend", ["batched", "workers", "dummy"])
-def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: str) -> None:
+def test_options__are_alike_in_all_backends(made, backend, own_ids):
     env = made(TOWER, backend, corpus=own_ids)
     env.set_options({"task": 0})
     env.reset()
@@ -191,7 +185,7 @@ def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: st
 
 
 @pytest.fixture
-def own_ids(tmp_path: Path) -> str:
+def own_ids(tmp_path):
     """A corpus whose tasks have the ids "0" and "1"."""
     path = tmp_path / "own.jsonl"
     starts = [start | {"id": str(number)} for number, start in enumerate(BLUE["starts"])]
@@ -219,19 +213,19 @@ def own_ids(tmp_path: Path) -> str:
         ({"wrap": text_observation_v0}, "Stable-Baselines3 has no Text spaces; use observation="),
     ],
 )
-def test_make__names_the_choices_or_what_replaces_keywords_of_others(settings: dict[str, Any], message: str) -> None:
+def test_make__names_the_choices_or_what_replaces_keywords_of_others(settings, message):
     with pytest.raises((TypeError, ValueError), match=message):
         make_vec_env(**{"id": TOWER, "n_envs": 2, **settings})
     assert not multiprocessing.active_children()
 
 
-def test_batch__must_leave_resets_to_the_adapter() -> None:
+def test_batch__must_leave_resets_to_the_adapter():
     with pytest.raises(ValueError, match=r"BatchVecEnv needs autoreset_mode=.*DISABLED.*, not .*NEXT_STEP"):
         BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
 
 
 @pytest.mark.parametrize("backend", ["batched", "workers"])
-def test_results__may_be_modified_by_the_caller(made: Any, backend: str) -> None:
+def test_results__may_be_modified_by_the_caller(made, backend):
     changed, kept = made(TOWER, backend, seed=1), made(TOWER, backend, seed=1)
     observations, infos, expected = changed.reset(), [], kept.reset()
     for action in (1, 0, 2, 0, 0):
@@ -245,16 +239,16 @@ def test_results__may_be_modified_by_the_caller(made: Any, backend: str) -> None
         assert_same([*map(without_times, infos)], [*map(without_times, same_infos)])
 
 
-def without_times(info: dict[str, Any]) -> dict[str, Any]:
+def without_times(info):
     return {key: value for key, value in info.items() if key != "episode"}
 
 
-def test_metadata__has_the_frames_per_second_of_films(made: Any) -> None:
+def test_metadata__has_the_frames_per_second_of_films(made):
     batched, single = (made(TOWER, backend, monitor=False).get_attr("metadata")[0] for backend in ("batched", "dummy"))
     assert batched["render_fps"] == made(TOWER, "batched", monitor=False).metadata["render_fps"] == single["render_fps"]
 
 
-def test_monitor__can_be_switched_off(made: Any) -> None:
+def test_monitor__can_be_switched_off(made):
     assert isinstance(made(TOWER, "dummy"), VecMonitor)
     assert isinstance(made(TOWER, "batched"), VecMonitor)
     assert isinstance(made(TOWER, "batched", monitor=False), BatchVecEnv)
@@ -262,13 +256,13 @@ def test_monitor__can_be_switched_off(made: Any) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_failing_wrapper__is_reported_and_leaves_no_process(made: Any, backend: str) -> None:
+def test_failing_wrapper__is_reported_and_leaves_no_process(made, backend):
     with pytest.raises(ValueError, match="/no/such/file"):
         made(TOWER, backend, vocabulary="/no/such/file")
     assert not multiprocessing.active_children()
 
 
-def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any, tmp_path: Path) -> None:
+def test_model__loads_across_backends_and_names_both_spaces_otherwise(made, tmp_path):
     model = MaskablePPO("MultiInputPolicy", made(TOWER, "batched"), n_steps=2, batch_size=2, policy_kwargs=SMALL)
     model.save(tmp_path / "model.zip")
     MaskablePPO.load(tmp_path / "model.zip", env=gym.make(TOWER, observation="arrays"))
@@ -277,19 +271,19 @@ def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any,
 
 
 @pytest.mark.parametrize("count", [8, 151])
-def test_evaluation__counts_every_task_once(count: int) -> None:
+def test_evaluation__counts_every_task_once(count):
     env = make_vec_env(TOWER, count, split="dev", evaluation=True)
-    playing: list[str] = []  # by environment
-    counted: list[str] = []
+    playing = []  # by environment
+    counted = []
 
     class Stopping:
         """A model that always takes STOP."""
 
-        def predict(self, observations: Any, **_: Any) -> tuple[np.ndarray, None]:
+        def predict(self, observations, **_):
             playing[:] = [info["task"] for info in env.unwrapped.reset_infos]
             return np.zeros(count, np.int64), None
 
-    def note(variables: dict[str, Any], _: Any) -> None:
+    def note(variables, _):
         counted.append(playing[variables["i"]])
 
     tasks = env.get_attr("tasks")[0]
@@ -300,7 +294,7 @@ def test_evaluation__counts_every_task_once(count: int) -> None:
     env.close()
 
 
-def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: Any) -> None:
+def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made):
     wrap = lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward)  # noqa: E731
     with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
@@ -310,7 +304,7 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: 
 
 
 @pytest.mark.parametrize("backend", ["batched", "dummy"])
-def test_stop_forcing__is_added_outside_of_other_wrappers(made: Any, backend: str) -> None:
+def test_stop_forcing__is_added_outside_of_other_wrappers(made, backend):
     wrap = lambda env: structured_observation_v0(box_permutation_v0(env))  # noqa: E731
     assert "forced" in made(TOWER, backend, wrap=wrap, stop_forcing=True).observation_space.spaces
     for wrap in (image_observation_v0, lambda env: flat_observation_v0(structured_observation_v0(env))):
@@ -319,22 +313,22 @@ def test_stop_forcing__is_added_outside_of_other_wrappers(made: Any, backend: st
 
 
 @pytest.mark.parametrize("backend", ["batched", "dummy"])
-def test_wrap__flat_items_need_no_tokenising(made: Any, backend: str) -> None:
+def test_wrap__flat_items_need_no_tokenising(made, backend):
     env = made(TOWER, backend, wrap=lambda env: flat_observation_v0(structured_observation_v0(env)))
     assert env.reset().dtype == np.float32
 
 
-def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release() -> None:
+def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release():
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
         for name, advice in (("data", "use corpus=PATH"), ("splt", "choose from corpus, split")):
             with pytest.raises(TypeError, match=f"'{name}'; {advice}"):
                 make(TOWER, **{name: "data"})
 
 
-def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made: Any) -> None:
+def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made):
     env = made(TOWER, "subproc", start_method="forkserver")
     assert VARIABLE not in os.environ
-    assert forkserver._forkserver._preload_modules == ["__main__"]  # pyright: ignore
+    assert forkserver._forkserver._preload_modules == ["__main__"]
     assert env.reset()["image"].shape[0] == COUNT
 
 
@@ -352,31 +346,31 @@ if __name__ == "__main__":
 
 
 @pytest.mark.long
-def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path: Path) -> None:
+def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path):
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "'image'" in done.stdout, done.stderr
 
 
-def test_evaluation__names_what_contradicts_it() -> None:
+def test_evaluation__names_what_contradicts_it():
     settings = recipe("TowerScratch")
     with pytest.raises(ValueError, match=r'backend="batched".*leave out same_statement=16, recolour=True$'):
         make_vec_env(**(settings.env | {"evaluation": True}))
 
 
-def test_same_statement__over_workers_that_split_the_groups_warns() -> None:
+def test_same_statement__over_workers_that_split_the_groups_warns():
     with pytest.warns(UserWarning, match="same_statement=8: 2 workers split groups"):
         make_vec_env(TOWER, 24, "workers", num_workers=2, same_statement=8).close()
 
 
-def test_policy__refuses_scaled_images() -> None:
+def test_policy__refuses_scaled_images():
     settings, seen = recipe("TowerFlipIt"), make_vec_env(TOWER).observation_space
     space = spaces.Dict({**seen.spaces, "image": spaces.Box(0, 1, (50, 190, 3), np.float32)})
     with pytest.raises(ValueError, match="leave it out of VecNormalize"):
         LilGymPolicy(space, spaces.Discrete(13), lambda _: 1e-3, **settings.model["policy_kwargs"])
 
 
-def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> None:
+def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path):
     training = recipe("TowerFlipIt")
     words = training.model["policy_kwargs"]["words"]
     others = Vocabulary((*words[1:], "zebra"))
@@ -385,20 +379,20 @@ def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> Non
         LilGymPolicy(other.observation_space, env.action_space, lambda _: 1e-3, **training.model["policy_kwargs"])
     model = MaskablePPO(env=env, **training.model)
     model.save(tmp_path / "own.zip")
-    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words  # pyright: ignore
+    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words
     with pytest.raises(ValueError, match="Observation spaces do not match"):
         MaskablePPO.load(tmp_path / "own.zip", env=other)
 
 
 @pytest.mark.parametrize("wrap", [None, tokenized_statement_v0])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_vocabulary__can_be_read_in_every_backend(made: Any, backend: str, wrap: Any) -> None:
+def test_vocabulary__can_be_read_in_every_backend(made, backend, wrap):
     env = made(TOWER, backend, wrap=wrap, observation="text" if wrap else "arrays")
     (words,) = {vocabulary.words for vocabulary in env.get_attr("vocabulary")}
     assert words == env.observation_space["statement"].vocabulary.words
 
 
-def test_policy__sees_every_change_of_its_weights() -> None:
+def test_policy__sees_every_change_of_its_weights():
     settings, env = recipe("TowerFlipIt"), make_vec_env(TOWER, seed=0)
     policies = [
         LilGymPolicy(env.observation_space, env.action_space, lambda _: 1e-3, **settings.model["policy_kwargs"])
@@ -408,7 +402,7 @@ def test_policy__sees_every_change_of_its_weights() -> None:
     ours, fresh = (policy.eval() for policy in policies)
 
     @torch.no_grad()
-    def assert_equal_values() -> None:
+    def assert_equal_values():
         fresh.network.clear_cache()
         values = [policy.predict_values(observations) for policy in policies]
         assert torch.allclose(*values, atol=1e-5)
@@ -427,17 +421,17 @@ def test_policy__sees_every_change_of_its_weights() -> None:
     assert_equal_values()
 
 
-def test_vec_frame_stack__accepts_a_batch(made: Any) -> None:
+def test_vec_frame_stack__accepts_a_batch(made):
     stacked = VecFrameStack(made(TOWER, "batched", seed=0), 2)
     assert stacked.reset()["statement"].shape == (COUNT, 2 * stacked.venv.observation_space["statement"].shape[0])
 
 
 @pytest.mark.parametrize("evaluate", [evaluate_policy, evaluate_masked_policy])
-def test_monitor__is_recognised_by_evaluate_policy(made: Any, evaluate: Any) -> None:
+def test_monitor__is_recognised_by_evaluate_policy(made, evaluate):
     env = made(TOWER, "batched", seed=0)
 
     class Stopping:
-        def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
+        def predict(self, observations, **settings):
             return np.zeros(COUNT, np.int64), None
 
     # warns if unmonitored

@@ -1,10 +1,6 @@
 """The policy, the buffer, the sampler and the recipe for Stable-Baselines3."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -35,7 +31,7 @@ COUNT = 8
 STOP = 0
 
 
-def small_model(algorithm: Any = MaskablePPO, configuration: str = "TowerScratch", **changes: Any) -> Any:
+def small_model(algorithm=MaskablePPO, configuration="TowerScratch", **changes):
     """An untrained model over COUNT environments with the recipe, but tiny rollouts."""
     settings = recipe(configuration)
     grouped = {} if changes.get("backend", "batched") in ("dummy", "subproc") else {"same_statement": 4}
@@ -44,13 +40,13 @@ def small_model(algorithm: Any = MaskablePPO, configuration: str = "TowerScratch
 
 
 @pytest.fixture(scope="module")
-def trained() -> Iterator[MaskablePPO]:
+def trained():
     model = small_model().learn(64, EntropySchedule(0.5, 0.1))
     yield model
     model.env.close()
 
 
-def test_training__changes_the_weights_and_the_entropy_coefficient(trained: MaskablePPO) -> None:
+def test_training__changes_the_weights_and_the_entropy_coefficient(trained):
     before, after = small_model().policy.state_dict(), trained.policy.state_dict()
     assert not torch.equal(before["network.value.weight"], after["network.value.weight"])
     assert trained.ent_coef == pytest.approx(0.3)  # at the start of the second of two rollouts
@@ -66,16 +62,14 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained: Mask
         pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc"}, marks=pytest.mark.long),
     ],
 )
-def test_training__works_with_every_backend_from_images_and_items(
-    algorithm: Any, configuration: str, changes: dict[str, Any]
-) -> None:
+def test_training__works_with_every_backend_from_images_and_items(algorithm, configuration, changes):
     model = small_model(algorithm, configuration, **changes)
     model.learn(32)
     assert model.num_timesteps == 32
     model.env.close()
 
 
-def test_evaluation_callback_and_reward_normalisation__work(tmp_path: Path) -> None:
+def test_evaluation_callback_and_reward_normalisation__work(tmp_path):
     settings = recipe("TowerScratch")
     options = {"n_envs": 4, "vocabulary": settings.env["vocabulary"], "wrap": settings.env["wrap"]}
     env = VecNormalize(make_vec_env(**settings.env | options | {"same_statement": 2}, seed=0), norm_obs=False)
@@ -86,11 +80,11 @@ def test_evaluation_callback_and_reward_normalisation__work(tmp_path: Path) -> N
     PPO.load(tmp_path / "best_model.zip")
 
 
-def test_saved_model__chooses_the_same_actions_from_items_images_and_text(trained: MaskablePPO, tmp_path: Path) -> None:
+def test_saved_model__chooses_the_same_actions_from_items_images_and_text(trained, tmp_path):
     trained.save(tmp_path / "model.zip")
     loaded = MaskablePPO.load(tmp_path / "model.zip")
     env = make_vec_env(SCRATCH, 4, vocabulary=recipe("TowerScratch").env["vocabulary"], seed=1)
-    texts: Any = gym.make_vec(SCRATCH, num_envs=4)
+    texts = gym.make_vec(SCRATCH, num_envs=4)
     arrays, (texts_now, _) = env.reset(), texts.reset(seed=1)
     expected, _ = trained.predict(arrays, deterministic=True)
     for model in (trained, loaded):
@@ -102,9 +96,9 @@ def test_saved_model__chooses_the_same_actions_from_items_images_and_text(traine
     assert_same(loaded.predict(arrays, action_masks=masks)[0], np.full(4, 5))
 
 
-def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained: MaskablePPO) -> None:
+def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained):
     assert trained.env is not None
-    inputs: Any = obs_as_tensor(trained.env.reset(), trained.device)
+    inputs = obs_as_tensor(trained.env.reset(), trained.device)
     inputs["forced"] = torch.ones_like(inputs["forced"])
     actions, _, log_probs = trained.policy(inputs)
     assert actions.tolist() == [STOP] * COUNT
@@ -114,7 +108,7 @@ def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained: 
     assert (log_probs < 0).all()
 
 
-def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_forced_stops() -> None:
+def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_forced_stops():
     model = small_model()
     buffer = StatementRolloutBuffer(4, model.observation_space, model.action_space, n_envs=COUNT)
     rng, observations = np.random.default_rng(0), model.env.reset()
@@ -135,7 +129,7 @@ def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_for
     model.env.close()
 
 
-def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() -> None:
+def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary():
     settings = recipe("TowerScratch")
     env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
     changes = {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
@@ -149,7 +143,7 @@ def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() ->
 # Agents
 
 
-def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, tmp_path: Path) -> None:
+def test_agent__plays_as_the_model_and_as_its_model_file(trained, tmp_path):
     agent = agent_of(trained)
     assert agent.description.details["mask"]
     save_model(tmp_path / "agent.safetensors", agent.description, agent.network.state_dict())
@@ -159,7 +153,7 @@ def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, t
         for one in (agent, open_agent(tmp_path / "agent.safetensors"))
     )
     assert played == again
-    env: Any = gym.make(SCRATCH, split="dev")
+    env = gym.make(SCRATCH, split="dev")
     for actions, task in zip(played[:5], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
         observation, _ = env.reset(options={"task": task})
         masks = env.get_wrapper_attr("action_masks")()
@@ -167,15 +161,13 @@ def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, t
         assert trained.predict(observation, deterministic=True, action_masks=masks)[0] == first
 
 
-def test_agent__needs_our_policy() -> None:
+def test_agent__needs_our_policy():
     model = PPO("MlpPolicy", "CartPole-v1")
     with pytest.raises(AgentError, match="not those with a ActorCriticPolicy"):
         agent_of(model)
 
 
-def test_evaluate__plays_a_trusted_model(
-    trained: MaskablePPO, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate__plays_a_trusted_model(trained, tmp_path, capsys):
     path = str(tmp_path / "model.zip")
     trained.save(path)
     assert main(["evaluate", path, "--alone"]) == 2
@@ -190,14 +182,14 @@ def test_evaluate__plays_a_trusted_model(
 # Tasks
 
 
-def statements_of(envs: Any, steps: int) -> list[list[str]]:
+def statements_of(envs, steps):
     """By time: the statement that each environment plays, when each STOPs at once."""
     observations = [envs.reset(seed=0)[0], *(envs.step(np.zeros(envs.num_envs, np.int64))[0] for _ in range(steps))]
     return [list(observation["statement"]) for observation in observations]
 
 
 @pytest.mark.parametrize(("workers", "episodes"), [(1, 3), (2, 2)])
-def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers: int, episodes: int) -> None:
+def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers, episodes):
     sampler = StatementSampler(SCRATCH, same_statement=4, statement_episodes=episodes)
     envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
     rows = statements_of(envs, 3 * episodes - 1)
@@ -208,7 +200,7 @@ def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers:
     assert len(firsts) == 3 * episodes
 
 
-def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
+def test_sampler__is_the_same_in_a_batch_and_in_workers():
     options = {"same_statement": 4, "recolour": True, "empty_starts": 0.5}
     rows = []
     for workers in (1, 2):
@@ -220,7 +212,7 @@ def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
     assert rows[0] == rows[1]
 
 
-def test_sampler__draws_recoloured_and_empty_starts() -> None:
+def test_sampler__draws_recoloured_and_empty_starts():
     sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
     original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}
     rng = np.random.default_rng(0)
@@ -239,6 +231,6 @@ def test_sampler__draws_recoloured_and_empty_starts() -> None:
         ({"empty_starts": 1.5}, "at least 0 and at most 0.9, not 1.5"),
     ],
 )
-def test_make_vec_env__explains_what_training_options_need(changes: dict[str, Any], message: str) -> None:
+def test_make_vec_env__explains_what_training_options_need(changes, message):
     with pytest.raises(ValueError, match=message):
         make_vec_env(FLIPIT, 4, **changes)

@@ -1,15 +1,13 @@
 """The mask is exact: an action is masked out where, and only where, doing it is invalid."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 
 import pytest
 
-from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances import RELEASED_GRID, Grid, Scatter, make_appearance
+from lilgym_mp.scene.appearances import RELEASED_GRID, Scatter, make_appearance
 from tests.stress.mask_exactness import scenes_of, wrong_actions
 
 SCENES = 100
@@ -17,12 +15,12 @@ BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 
 
 @cache
-def dynamics_of(appearance: str, rules: str, grid: Grid = RELEASED_GRID) -> Dynamics:
+def dynamics_of(appearance, rules, grid=RELEASED_GRID):
     return make_dynamics(make_appearance(appearance, grid), rules)
 
 
 @cache
-def scenes_for(appearance: str, rules: str) -> list[Scene]:
+def scenes_for(appearance, rules):
     """The empty scene, start scenes and, nine in ten, scenes from random play under these rules."""
     scenes = scenes_of(dynamics_of(appearance, rules), SCENES, start_share=0.1)
     assert len(scenes) == SCENES
@@ -31,7 +29,7 @@ def scenes_for(appearance: str, rules: str) -> list[Scene]:
 
 @BY_RULES
 @pytest.mark.parametrize(("appearance", "count"), [("tower", SCENES), ("scatter", 10)])
-def test_mask__is_exact_for_every_action(appearance: str, count: int, rules: str):
+def test_mask__is_exact_for_every_action(appearance, count, rules):
     dynamics = dynamics_of(appearance, rules)
     scenes = random.Random(0).sample(scenes_for(appearance, rules), count)
     assert not [scene for scene in scenes if wrong_actions(dynamics, scene)]
@@ -43,7 +41,7 @@ def test_mask__is_exact_for_every_action(appearance: str, count: int, rules: str
     [((38, 10), 4, 1500), ((19, 1), 10, 533), ((95, 4), 4, 1500), ((380, 100), 3, 3000)],
     ids=str,
 )
-def test_scatter_mask__is_exact_on_other_grids(rules: str, grid: Grid, scenes: int, actions: int):
+def test_scatter_mask__is_exact_on_other_grids(rules, grid, scenes, actions):
     chance = random.Random(0)
     dynamics = dynamics_of("scatter", rules, grid)
     numbers = chance.sample(range(dynamics.appearance.action_count), actions)

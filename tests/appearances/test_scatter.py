@@ -3,14 +3,12 @@
 Items are written with the top-left of their bounding square; a cell of the released grid is 20 x 20 pixels.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import Scene, SceneError, Shape
-from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveItem
-from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.scene.actions import STOP, ActionError, AddBlock, AddItem, RemoveItem
+from lilgym_mp.scene.appearances import InvalidReason, Scatter
 from tests.scenes import MEDIUM, SMALL, B, circle, items_of, scene, scene_of, square
 
 PAPER = RULE_SETS["paper"].placement
@@ -21,7 +19,7 @@ SCATTER = Scatter()
 PIXELS = Scatter((380, 100))
 
 
-def put(item: str, others: str, rules: PlacementRules, box: int = 0) -> str:
+def put(item, others, rules, box=0):
     """The place where `item`, put at a cell's top-left, comes to rest among `others`, or why it does not."""
     (new,), there = items_of(item), items_of(others)
     before = scene(*[[]] * box, there)
@@ -36,7 +34,7 @@ def put(item: str, others: str, rules: PlacementRules, box: int = 0) -> str:
     return f"{placed.x},{placed.y}"
 
 
-def check_put(line: str) -> None:
+def check_put(line):
     """A line has the item, the others, and what comes of it under the paper's and the release's rules."""
     item, others, *expected = map(str.strip, line.split("|"))
     assert [put(item, others, rules) for rules in (PAPER, RELEASE)] == expected, line
@@ -100,7 +98,7 @@ ADD = {
 
 
 @pytest.mark.parametrize("rule", ADD)
-def test_add(rule: str):
+def test_add(rule):
     for line in ADD[rule].strip().splitlines():
         check_put(line)
 
@@ -144,7 +142,7 @@ REMOVE = {  # cell, items before, and after, or why it is invalid
 
 @BOTH
 @pytest.mark.parametrize("rule", REMOVE)
-def test_remove(rule: str, rules: PlacementRules):
+def test_remove(rule, rules):
     for line in REMOVE[rule].strip().splitlines():
         cell, before, after = map(str.strip, line.split("|"))
         there = scene_of(before)
@@ -156,7 +154,7 @@ def test_remove(rule: str, rules: PlacementRules):
 
 
 @BOTH
-def test_native_add__does_not_search(rules: PlacementRules):
+def test_native_add__does_not_search(rules):
     before = scene([square(0, 0, SMALL)])
     edit = PIXELS.apply(before, AddItem(9, 9, Shape.SQUARE, B, SMALL), rules)
     assert edit == (before, InvalidReason.OVERLAP)
@@ -187,12 +185,12 @@ def test_fine_grid__searches_its_own_cell():
         ("circle 0,0; circle 50,50; square 60,60", r"item 2 at \(60, 60\) overlaps an earlier item of its box"),
     ],
 )
-def test_check_scene__items_outside_or_overlapping_are_refused_naming_box_and_item(items: str, message: str):
+def test_check_scene__items_outside_or_overlapping_are_refused_naming_box_and_item(items, message):
     with pytest.raises(SceneError, match=f"^box 1: {message}$"):
         SCATTER.check_scene(scene([circle(0, 0)], items_of(items)))
 
 
 @pytest.mark.parametrize("action", [STOP, AddBlock(0, B)])
-def test_apply__anything_but_an_edit_of_scatter_raises_action_error(action: Action):
+def test_apply__anything_but_an_edit_of_scatter_raises_action_error(action):
     with pytest.raises(ActionError, match="is not an edit of scatter"):
         SCATTER.apply(Scene.empty(), action, PAPER)

@@ -1,7 +1,5 @@
 """Tower: what each action makes of a stack, and which start scenes are refused."""
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.envs.rules import RULE_SETS
@@ -50,6 +48,6 @@ def test_check_scene__towers_pass_unchanged():
         ("square 40,80; square 40,60", r"item 1 must be a medium square at \(40, 59\) .*\(40, 60\)"),
     ],
 )
-def test_check_scene__anything_but_a_tower_is_refused_naming_box_and_item(items: str, message: str):
+def test_check_scene__anything_but_a_tower_is_refused_naming_box_and_item(items, message):
     with pytest.raises(SceneError, match=f"^box 2: .*{message}"):
         TOWER.check_scene(scene([], tower(Y), items_of(items)))

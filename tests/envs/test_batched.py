@@ -1,12 +1,7 @@
-from __future__ import annotations
-
 import copy
 import pickle
 import sys
 import tracemalloc
-from collections.abc import Callable
-from pathlib import Path
-from types import FrameType
 
 import gymnasium as gym
 import numpy as np
@@ -23,13 +18,13 @@ IDS = [f"lilgym_mp/{appearance}{start}-v0" for appearance in ("Tower", "Scatter"
 TOWER, SCATTER = IDS[0], IDS[3]
 
 
-def batch(id: str, count: int, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **settings: object) -> BatchedEnv:
+def batch(id, count, mode=AutoresetMode.NEXT_STEP, **settings):
     env = gym.make_vec(id, num_envs=count, autoreset_mode=mode, **settings)
     assert isinstance(env, BatchedEnv)
     return env
 
 
-def test_no_copy__every_step_returns_the_same_image_buffer() -> None:
+def test_no_copy__every_step_returns_the_same_image_buffer():
     env = batch(TOWER, 2, copy=False)
     first = env.reset(seed=0)[0]["image"]
     before = first.copy()
@@ -38,7 +33,7 @@ def test_no_copy__every_step_returns_the_same_image_buffer() -> None:
     assert not np.array_equal(first, before)
 
 
-def test_reset__accepts_one_task_for_all_environments_or_one_each() -> None:
+def test_reset__accepts_one_task_for_all_environments_or_one_each():
     env = batch(SCATTER, 3)
     ids = env.evaluation_tasks()
     env.reset(options={"task": ids[4]})
@@ -48,7 +43,7 @@ def test_reset__accepts_one_task_for_all_environments_or_one_each() -> None:
     assert len({state.task.id for state in env.states()}) == 3
 
 
-def test_seeds__of_a_list_or_array_go_to_the_environments_in_order() -> None:
+def test_seeds__of_a_list_or_array_go_to_the_environments_in_order():
     env, other = batch(TOWER, 4), batch(TOWER, 4)
     assert_same(env.reset(seed=[8, 9, 10, 11]), other.reset(seed=8))
     assert env.np_random_seed == (8, 9, 10, 11)
@@ -58,7 +53,7 @@ def test_seeds__of_a_list_or_array_go_to_the_environments_in_order() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_copy_and_pickle__are_refused(copied: Callable[[object], object]) -> None:
+def test_copy_and_pickle__are_refused(copied):
     with pytest.raises(TypeError, match="BatchedEnv"):
         copied(batch(TOWER, 3))
 
@@ -66,9 +61,9 @@ def test_copy_and_pickle__are_refused(copied: Callable[[object], object]) -> Non
 @pytest.mark.parametrize(
     ("mode", "count"), [(AutoresetMode.NEXT_STEP, 1), (AutoresetMode.NEXT_STEP, 64), (AutoresetMode.SAME_STEP, 7)]
 )
-def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> None:
+def test_evaluation__visits_every_task_once(mode, count):
     env = batch("lilgym_mp/TowerFlipIt-v0", count, mode, split="dev", evaluation=True)
-    visited: list[str] = []
+    visited = []
     _, infos = env.reset(seed=0)
     current = infos["task"].copy()
     while not env.evaluation_finished:
@@ -84,7 +79,7 @@ def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> 
     assert not env.evaluation_finished
 
 
-def test_scene_array__holds_the_items_of_each_box() -> None:
+def test_scene_array__holds_the_items_of_each_box():
     env = batch("lilgym_mp/ScatterFlipIt-v0", 3)
     env.reset(seed=2)
     for array, state in zip(env.scene_array(), env.states(), strict=True):
@@ -92,7 +87,7 @@ def test_scene_array__holds_the_items_of_each_box() -> None:
             assert [tuple(slot) for slot in slots if slot[0] >= 0] == [tuple(item) for item in box.items]
 
 
-def test_render__equals_frames_of_single_environments() -> None:
+def test_render__equals_frames_of_single_environments():
     mode = AutoresetMode.DISABLED
     ours = batch(TOWER, 2, mode, render_mode="rgb_array")
     theirs = SyncVectorEnv([lambda: gym.make(TOWER, render_mode="rgb_array")] * 2, autoreset_mode=mode)
@@ -115,7 +110,7 @@ def test_render__equals_frames_of_single_environments() -> None:
         ("STOP", "not <U4"),
     ],
 )
-def test_step__invalid_actions_are_refused(actions: object, message: str) -> None:
+def test_step__invalid_actions_are_refused(actions, message):
     env = batch(TOWER, 3)
     env.reset(seed=0)
     before = env.states()
@@ -124,7 +119,7 @@ def test_step__invalid_actions_are_refused(actions: object, message: str) -> Non
     assert env.states() == before
 
 
-def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
+def test_step__ignores_the_action_of_an_environment_about_to_be_reset():
     env = batch(TOWER, 2)
     env.reset(seed=0)
     env.step(np.array([0, 1]))
@@ -132,7 +127,7 @@ def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
     assert (rewards[0], terminated[0], infos["_task"].tolist()) == (0.0, False, [True, False])
 
 
-def test_observation_space__equals_gymnasiums_in_constant_memory() -> None:
+def test_observation_space__equals_gymnasiums_in_constant_memory():
     env = BatchedEnv(5, appearance="tower", start="scratch")
     image = env.observation_space["image"]
     assert image == batch_space(env.single_observation_space["image"], 5)
@@ -141,14 +136,14 @@ def test_observation_space__equals_gymnasiums_in_constant_memory() -> None:
     assert image.sample().shape == (5, 50, 190, 3)
 
 
-def test_step__needs_a_reset_first() -> None:
+def test_step__needs_a_reset_first():
     env = batch(TOWER, 2)
     for call in (lambda: env.step(np.zeros(2, int)), env.action_masks, env.goal_reached, env.states):
         with pytest.raises(gym.error.ResetNeeded):
             call()
 
 
-def test_step__without_autoreset_names_the_ended_environments() -> None:
+def test_step__without_autoreset_names_the_ended_environments():
     env = batch(TOWER, 3, AutoresetMode.DISABLED)
     env.reset(seed=0)
     env.step(np.array([1, 0, 0]))
@@ -166,7 +161,7 @@ def test_step__without_autoreset_names_the_ended_environments() -> None:
         ({"render_mode": "human"}, "'human'; choose from ansi, rgb_array"),
     ],
 )
-def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+def test_make__names_the_value_and_the_choices(settings, message):
     with pytest.raises(ValueError, match=message):
         BatchedEnv(**{"num_envs": 2, "appearance": "tower", "start": "scratch", **settings})
 
@@ -183,7 +178,7 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
         ({"options": {"reset_mask": [True, False, True]}}, r"bool array of shape \(3,\)"),
     ],
 )
-def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) -> None:
+def test_reset__names_what_is_wrong(arguments, message):
     env = batch(TOWER, 3)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=message):
@@ -191,7 +186,7 @@ def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) 
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_masked_reset__has_infos_of_the_reset_alone(mode: AutoresetMode) -> None:
+def test_masked_reset__has_infos_of_the_reset_alone(mode):
     env = batch(TOWER, 2, mode)
     env.reset(seed=0)
     env.step(np.zeros(2, np.int64))
@@ -200,12 +195,12 @@ def test_masked_reset__has_infos_of_the_reset_alone(mode: AutoresetMode) -> None
     assert infos["_task"].tolist() == [True, False]
 
 
-def test_batched__does_not_leak_memory_over_a_long_run(own_corpus: Path) -> None:
+def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
     env = batch(SCATTER, 16, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)
     generator = np.random.default_rng(0)
 
-    def play(steps: int) -> None:
+    def play(steps):
         for _ in range(steps):
             env.step(random_actions(env.action_masks(), generator))
 
@@ -220,15 +215,15 @@ def test_batched__does_not_leak_memory_over_a_long_run(own_corpus: Path) -> None
 
 
 @pytest.mark.parametrize(("id", "count"), [(TOWER, 4), (TOWER, 9), (SCATTER, 9)])
-def test_step__reads_no_enum_attributes_so_that_numpy_cannot_swallow_an_interrupt(id: str, count: int) -> None:
+def test_step__reads_no_enum_attributes_so_that_numpy_cannot_swallow_an_interrupt(id, count):
     env = batch(id, count)
     env.reset(seed=0)
     generator = np.random.default_rng(0)
     actions = [random_actions(env.action_masks(), generator) for _ in range(3)]
     env.step(actions[0])  # programs are compiled now
-    asked: list[str] = []
+    asked = []
 
-    def note(frame: FrameType, event: str, _: object) -> None:
+    def note(frame, event, _):
         if event == "call" and frame.f_code.co_name == "__getattr__" and frame.f_code.co_filename.endswith("enum.py"):
             asked.append(str(frame.f_locals.get("name")))
 

@@ -1,12 +1,8 @@
 """Compiled cores step batches exactly as the rules step single scenes, bit for bit; which core a batch has."""
 
-from __future__ import annotations
-
 import random
 import sys
-from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,23 +16,22 @@ from lilgym_mp.envs.cores.scalar import ScalarCore
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Item, Scene, Shape
+from lilgym_mp.scene import Shape
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.testing import assert_same, check_vector_env
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square
 
 TOWER, SCATTER = "lilgym_mp/TowerScratch-v0", "lilgym_mp/ScatterScratch-v0"
-Sampler = Callable[[np.random.Generator, int], Task]
 
 
-def sampler_of(starts: list[Scene]) -> Sampler:
+def sampler_of(starts):
     """Draws tasks with these start scenes, of a statement that is true of some."""
     program = "count(filter_color(all_items, Color.BLUE)) > 1"
     tasks = [Task(f"t{index}", "Blue is here.", program, index % 2 == 0, start) for index, start in enumerate(starts)]
     return lambda generator, env_id: tasks[generator.integers(len(tasks))]
 
 
-def crowded_starts(appearance: str) -> list[Scene]:
+def crowded_starts(appearance):
     """Some scenes of random play, and those with most items."""
     scenes = ScenePool.sample(appearance, random.Random(3), 24).scenes
     return [*scenes[::40], *sorted(scenes, key=lambda scene: len(list(scene.items())))[-8:]]
@@ -57,9 +52,7 @@ def crowded_starts(appearance: str) -> list[Scene]:
     ],
     ids=str,
 )
-def test_compiled_core__plays_crowded_scenes_as_single_environments_do(
-    id: str, settings: dict[str, Any], steps: int
-) -> None:
+def test_compiled_core__plays_crowded_scenes_as_single_environments_do(id, settings, steps):
     appearance = "tower" if id == TOWER else "scatter"
     settings = {"sampler": sampler_of(crowded_starts(appearance)), **settings}
     make, single = partial(gym.make_vec, id, **settings), lambda: gym.make(id, **settings)
@@ -75,7 +68,7 @@ def test_compiled_core__plays_crowded_scenes_as_single_environments_do(
     ],
     ids=["out above", "out to the left", "into another"],
 )
-def test_scatter_core__falls_back_after_a_release_snap(there: Item, action: AddItem) -> None:
+def test_scatter_core__falls_back_after_a_release_snap(there, action):
     settings = {"rules": "release", "sampler": sampler_of([scene([there])])}
     envs, single = gym.make_vec(SCATTER, num_envs=9, **settings), gym.make(SCATTER, **settings)
     envs.reset(seed=0)
@@ -89,7 +82,7 @@ def test_scatter_core__falls_back_after_a_release_snap(there: Item, action: AddI
 
 
 @pytest.fixture
-def fresh_choice() -> Iterator[None]:
+def fresh_choice():
     """Clears the cached choice of cores before and after the test."""
     cores._compiled.cache_clear()
     yield
@@ -97,13 +90,13 @@ def fresh_choice() -> Iterator[None]:
 
 
 @pytest.mark.parametrize(("id", "compiled"), [(TOWER, TowerCore), (SCATTER, ScatterCore)])
-def test_make_core__is_compiled_from_eight_environments_on(id: str, compiled: type) -> None:
+def test_make_core__is_compiled_from_eight_environments_on(id, compiled):
     few, many = (gym.make_vec(id, num_envs=count) for count in (FEWEST_COMPILED - 1, FEWEST_COMPILED))
     assert [type(envs._engine.core) for envs in (few, many)] == [ScalarCore, compiled]
 
 
 @pytest.fixture
-def without_numba(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_numba(fresh_choice, monkeypatch):
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.envs.cores.")]:
         if name.rpartition(".")[2] not in ("base", "scalar"):
             monkeypatch.delitem(sys.modules, name)
@@ -111,7 +104,7 @@ def without_numba(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_numba")
-def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
+def test_batch__without_numba_gives_the_same_results_and_warns_once():
     make = partial(gym.make_vec, SCATTER)
     with pytest.warns(RuntimeWarning, match="several times slower .* numba cannot be imported"):
         make(num_envs=FEWEST_COMPILED)  # a second warning would be an error

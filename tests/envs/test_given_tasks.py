@@ -1,12 +1,8 @@
 """Tasks from callers: `Task`s in reset options, samplers, and snapshots of batches."""
 
-from __future__ import annotations
-
 import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -37,13 +33,13 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 WORDS = ("There is a blue item.", "exist(filter_color(all_items, Color.BLUE))")
 
 
-def new_task(id: str, appearance: str = "tower", **fields: Any) -> Task:
+def new_task(id, appearance="tower", **fields):
     """A task that no corpus has, with the start scene of the appearance's first FlipIt task."""
     start = load_tasks("builtin", appearance, "flipit", "train")[0].start
     return replace(Task(f"mine {id}", *WORDS, True, start), **fields)
 
 
-def sample_new(generator: np.random.Generator, env_id: int) -> Task | str | None:
+def sample_new(generator, env_id):
     """A new task, the id of a corpus's, or None; depends on the generator alone."""
     choice = int(generator.integers(3))
     statement = f"Number {generator.integers(99)}."
@@ -52,10 +48,10 @@ def sample_new(generator: np.random.Generator, env_id: int) -> Task | str | None
 
 
 @pytest.fixture(params=KINDS)
-def make(request: pytest.FixtureRequest) -> Any:
-    made: list[Any] = []
+def make(request):
+    made = []
 
-    def make(id: str, **settings: Any) -> Any:
+    def make(id, **settings):
         made.append(KINDS[request.param](id, **settings))
         return made[-1]
 
@@ -65,7 +61,7 @@ def make(request: pytest.FixtureRequest) -> Any:
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_reset__plays_a_task_of_the_caller_like_a_single_environment(make: Any, appearance: str) -> None:
+def test_reset__plays_a_task_of_the_caller_like_a_single_environment(make, appearance):
     id = {"tower": TOWER, "scatter": SCATTER}[appearance]
     envs, single = make(id), gym.make(id)
     empty = new_task("empty", appearance, start=Scene.empty(), program="count(all_items) == 0")
@@ -81,7 +77,7 @@ def test_reset__plays_a_task_of_the_caller_like_a_single_environment(make: Any, 
         assert rewards[-1] == single.step(0)[1]
 
 
-def test_reset__a_task_of_the_corpus_keeps_its_index(make: Any) -> None:
+def test_reset__a_task_of_the_corpus_keeps_its_index(make):
     envs = make(TOWER)
     envs.reset(options={"task": envs.tasks[3]})
     assert set(envs.task_indices) == {3}
@@ -95,13 +91,13 @@ def test_reset__a_task_of_the_corpus_keeps_its_index(make: Any) -> None:
         ({"start": load_tasks("builtin", "scatter", "flipit", "train")[0].start}, "cannot be played here"),
     ],
 )
-def test_reset__says_why_a_task_cannot_be_played(fields: dict[str, Any], message: str) -> None:
+def test_reset__says_why_a_task_cannot_be_played(fields, message):
     for env in (gym.make(TOWER), gym.make_vec(TOWER, num_envs=2)):
         with pytest.raises(ValueError, match=message):
             env.reset(options={"task": new_task("x", **fields)})
 
 
-def test_wrappers__encode_statements_of_new_tasks() -> None:
+def test_wrappers__encode_statements_of_new_tasks():
     for env in (gym.make(TOWER), gym.make_vec(TOWER, num_envs=2)):
         encoder = lambda statement: [len(statement), 1]  # noqa: E731
         tokens = tokenized_statement_v0(structured_observation_v0(env))
@@ -114,19 +110,19 @@ def test_wrappers__encode_statements_of_new_tasks() -> None:
 
 
 @pytest.mark.parametrize("make_envs", [gym.make_vec, partial(WorkerVectorEnv, num_workers=2)])
-def test_sampler__chooses_the_tasks_of_automatic_resets_too(make_envs: Any) -> None:
+def test_sampler__chooses_the_tasks_of_automatic_resets_too(make_envs):
     make, single = partial(make_envs, TOWER, sampler=sample_new), lambda: gym.make(TOWER, sampler=sample_new)
     check_vector_env(make, single, num_envs=4, modes=MODES, steps=15)
 
 
-def test_sampler__is_told_which_environment_it_chooses_for() -> None:
+def test_sampler__is_told_which_environment_it_chooses_for():
     ids = load_tasks("builtin", "tower", "flipit", "train").ids
     envs = gym.make_vec(TOWER, num_envs=3, sampler=lambda generator, env_id: ids[env_id])
     assert envs.reset(seed=0)[1]["task"].tolist() == list(ids[:3])
     assert envs.reset(options={"task": ids[5]})[1]["task"].tolist() == [ids[5]] * 3
 
 
-def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation() -> None:
+def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation():
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
         with pytest.raises(ValueError, match="sampler must be a function"):
             make(TOWER, sampler="hard")
@@ -134,7 +130,7 @@ def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation() -> None:
         gym.make_vec(TOWER, num_envs=2, sampler=sample_new, evaluation=True)
 
 
-def play(envs: Any, seed: int, steps: int) -> list[Any]:
+def play(envs, seed, steps):
     generator = np.random.default_rng(seed)
     return [envs.step(random_actions(envs.action_masks(), generator)) for _ in range(steps)]
 
@@ -143,7 +139,7 @@ def play(envs: Any, seed: int, steps: int) -> list[Any]:
     ("id", "rules", "mode"),
     [(TOWER, "paper", AutoresetMode.NEXT_STEP), (SCATTER, "release", AutoresetMode.SAME_STEP)],
 )
-def test_restored_state__continues_as_before(make: Any, id: str, rules: str, mode: AutoresetMode) -> None:
+def test_restored_state__continues_as_before(make, id, rules, mode):
     envs = make(id, rules=rules, autoreset_mode=mode)
     envs.reset(seed=2)
     play(envs, 0, 7)
@@ -156,7 +152,7 @@ def test_restored_state__continues_as_before(make: Any, id: str, rules: str, mod
     assert_same(play(other, 1, 15), first)
 
 
-def test_restored_state__can_be_that_of_one_environment_everywhere(make: Any) -> None:
+def test_restored_state__can_be_that_of_one_environment_everywhere(make):
     envs = make(SCATTER)
     envs.reset(seed=2, options={"task": new_task("one", "scatter")})
     play(envs, 0, 3)
@@ -172,7 +168,7 @@ def test_restored_state__can_be_that_of_one_environment_everywhere(make: Any) ->
         envs.restore_state(state[:1])
 
 
-def test_restored_state__keeps_the_count_of_an_evaluation() -> None:
+def test_restored_state__keeps_the_count_of_an_evaluation():
     envs = gym.make_vec(TOWER, num_envs=40, evaluation=True, split="dev")
     envs.reset(seed=0)
     state = envs.save_state()
@@ -188,8 +184,8 @@ def test_restored_state__keeps_the_count_of_an_evaluation() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_restored_state__is_seen_by_shaped_rewards(mode: AutoresetMode) -> None:
-    def make() -> Any:
+def test_restored_state__is_seen_by_shaped_rewards(mode):
+    def make():
         return potential_shaping_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, autoreset_mode=mode))
 
     envs = make()
@@ -201,9 +197,9 @@ def test_restored_state__is_seen_by_shaped_rewards(mode: AutoresetMode) -> None:
     assert_same([envs.step(np.full(3, action))[1] for action in (3, 0, 2)], expected)
 
 
-def test_programs__of_many_new_tasks_are_forgotten() -> None:
+def test_programs__of_many_new_tasks_are_forgotten():
     envs = gym.make_vec(TOWER, num_envs=8)
-    evaluator: Callable[..., Any] = envs._engine.core._evaluator
+    evaluator = envs._engine.core._evaluator
     for count in range(2):
         for number in range(2 * len(evaluator._tasks) if count == 0 else 2):
             evaluator._by_source[f"{count} {number}"] = 0

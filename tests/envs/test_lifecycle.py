@@ -1,12 +1,8 @@
 """Closing environments, copying them, and finding their methods through wrappers."""
 
-from __future__ import annotations
-
 import copy
 import pickle
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,12 +15,12 @@ from lilgym_mp.testing import assert_same
 from lilgym_mp.wrappers import ActionMask, TextObservation, potential_shaping_v0
 
 TOWER = "lilgym_mp/TowerFlipIt-v0"
-MAKERS: dict[str, Callable[..., Any]] = {
+MAKERS = {
     "single": partial(gym.make, TOWER, render_mode="rgb_array"),
     "batch": partial(gym.make_vec, TOWER, num_envs=2, render_mode="rgb_array"),
     "workers": partial(WorkerVectorEnv, TOWER, 2, num_workers=2),
 }
-ARGUMENTS: dict[str, tuple[Any, ...]] = {
+ARGUMENTS = {
     "step": (0,),
     "restore_state": ([],),
     "change_tasks": (lambda tasks: tasks,),
@@ -36,7 +32,7 @@ BATCH = ("scene_array", "task_indices", "evaluation_finished", "save_state", "re
 
 @pytest.mark.parametrize("kind", MAKERS)
 @pytest.mark.parametrize("is_reset", [False, True])
-def test_after_close__everything_raises(kind: str, is_reset: bool) -> None:
+def test_after_close__everything_raises(kind, is_reset):
     env = MAKERS[kind]()
     if is_reset:
         env.reset(seed=0)
@@ -49,8 +45,8 @@ def test_after_close__everything_raises(kind: str, is_reset: bool) -> None:
                 getattr(base, name)(*ARGUMENTS.get(name, ()))
 
 
-def test_windows__of_two_environments_are_closed_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame: Any = pytest.importorskip("pygame")
+def test_windows__of_two_environments_are_closed_apart(monkeypatch):
+    pygame = pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     first, second = (gym.make(TOWER, render_mode="human") for _ in range(2))
     for env in (first, second):
@@ -64,12 +60,12 @@ def test_windows__of_two_environments_are_closed_apart(monkeypatch: pytest.Monke
     assert pygame.display.get_surface() is None
 
 
-def tasks_of(env: Any, count: int = 12) -> list[str]:
+def tasks_of(env, count=12):
     return [env.reset()[1]["task"] for _ in range(count)]
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(duplicate: Any) -> None:
+def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(duplicate):
     env = ActionMask(gym.make(TOWER))
     for prepare in (lambda: None, lambda: env.np_random, env.reset):
         prepare()
@@ -81,20 +77,20 @@ def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(dupli
 
 
 @pytest.mark.parametrize("wrappers", [[], [TextObservation]])
-def test_async__refuses_shared_memory_for_texts(wrappers: list[Any]) -> None:
+def test_async__refuses_shared_memory_for_texts(wrappers):
     with pytest.raises(ValueError, match=r'vector_kwargs={"shared_memory": False}, or observation="arrays"'):
         gym.make_vec(TOWER, num_envs=2, wrappers=wrappers, vectorization_mode="async")
 
 
 @pytest.mark.parametrize("settings", [{"vector_kwargs": {"shared_memory": False}}, {"observation": "arrays"}])
-def test_async__plays_texts_without_shared_memory_and_arrays_with_it(settings: dict[str, Any]) -> None:
+def test_async__plays_texts_without_shared_memory_and_arrays_with_it(settings):
     each = gym.make_vec(TOWER, num_envs=2, vectorization_mode="async", **settings)
     expected = gym.make_vec(TOWER, num_envs=2, observation=settings.get("observation", "text"))
     assert_same(each.reset(seed=1)[0], expected.reset(seed=1)[0])
     each.close()
 
 
-WRAPPERS: list[Callable[..., Any]] = [
+WRAPPERS = [
     vector_wrappers.NormalizeReward,
     vector_wrappers.RecordEpisodeStatistics,
     vector_wrappers.DictInfoToList,
@@ -104,14 +100,14 @@ WRAPPERS: list[Callable[..., Any]] = [
 
 
 @pytest.mark.parametrize("wrap", WRAPPERS)
-def test_masks__pass_through_gymnasiums_vector_wrappers(wrap: Any) -> None:
+def test_masks__pass_through_gymnasiums_vector_wrappers(wrap):
     envs = gym.make_vec(TOWER, num_envs=3)
     wrapped = wrap(envs)
     wrapped.reset(seed=0)
     assert np.array_equal(lilgym_mp.action_masks(wrapped), envs.action_masks())
 
 
-def test_masks__are_attributes_of_the_packages_own_wrappers() -> None:
+def test_masks__are_attributes_of_the_packages_own_wrappers():
     envs = gym.make_vec(TOWER, num_envs=3)
     wrapped = potential_shaping_v0(envs)
     wrapped.reset(seed=0)
@@ -120,7 +116,7 @@ def test_masks__are_attributes_of_the_packages_own_wrappers() -> None:
     assert not hasattr(gym.vector.VectorWrapper, "action_masks")  # Gymnasium's own classes are left alone
 
 
-def test_masks__other_environments_have_none() -> None:
+def test_masks__other_environments_have_none():
     envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
     with pytest.raises(TypeError, match="one of this package's environments"):
         lilgym_mp.action_masks(envs)
@@ -134,12 +130,12 @@ def test_masks__other_environments_have_none() -> None:
         lambda id, **settings: WorkerVectorEnv(id, 2, **settings),
     ],
 )
-def test_ids_of_the_release__name_the_new_one(make: Any) -> None:
+def test_ids_of_the_release__name_the_new_one(make):
     with pytest.raises(gym.error.NameNotFound, match="'lilgym_mp/ScatterFlipIt-v0'"):
         make("ScatterFlipIt-v0", data="data")
 
 
-def test_actions__in_array_form_name_what_takes_them() -> None:
+def test_actions__in_array_form_name_what_takes_them():
     single, envs = gym.make(TOWER), gym.make_vec(TOWER, num_envs=3)
     single.reset()
     with pytest.raises(ValueError, match=r"env\.unwrapped\.encode_action, or the wrapper MultiDiscreteActions"):
@@ -150,7 +146,7 @@ def test_actions__in_array_form_name_what_takes_them() -> None:
     assert envs.unwrapped.encode_action([1, 0, 2]) == single.unwrapped.encode_action([1, 0, 2])
 
 
-def test_parts__that_do_not_exist_are_attribute_errors() -> None:
+def test_parts__that_do_not_exist_are_attribute_errors():
     for package in (lilgym_mp, lilgym_mp.envs, lilgym_mp.envs.cores, lilgym_mp.scene.render):
         with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'nothing'"):
             _ = package.nothing

@@ -1,7 +1,5 @@
 """What Windows or macOS lacks is used only where the system is asked for it, and there is a way without it."""
 
-from __future__ import annotations
-
 import re
 from contextlib import closing
 from pathlib import Path
@@ -34,7 +32,7 @@ ASKED_FOR = {
 }
 
 
-def test_posix_functions__are_used_only_where_the_system_is_asked_for_them() -> None:
+def test_posix_functions__are_used_only_where_the_system_is_asked_for_them():
     used = {
         (path.relative_to(PACKAGE).as_posix(), name)
         for path in PACKAGE.rglob("*.py")
@@ -43,7 +41,7 @@ def test_posix_functions__are_used_only_where_the_system_is_asked_for_them() -> 
     assert {(path, name) for path, name in used if name in POSIX.split()} == ASKED_FOR
 
 
-def test_without_posix__workers_are_refused_but_one_process_plays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_posix__workers_are_refused_but_one_process_plays(monkeypatch):
     monkeypatch.setattr(processes, "HAS_POSIX", False)
     with pytest.raises(WorkerError, match="workers need Linux or macOS; use num_workers=1"):
         WorkerVectorEnv(TOWER, 2, num_workers=2)
@@ -52,7 +50,7 @@ def test_without_posix__workers_are_refused_but_one_process_plays(monkeypatch: p
 
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 @pytest.mark.parametrize("start_method", ["fork", pytest.param("spawn", marks=pytest.mark.long)])
-def test_without_memfd__workers_share_a_temporary_file(start_method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_memfd__workers_share_a_temporary_file(start_method, monkeypatch):
     monkeypatch.setattr(shared_memory, "HAS_MEMFD", False)
     batch = gym.make_vec(TOWER, num_envs=4)
     with closing(WorkerVectorEnv(TOWER, 4, num_workers=2, start_method=start_method)) as envs:

@@ -1,7 +1,5 @@
 """Whether STOP succeeds is found in compiled code without making scenes; the programs themselves say the same."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from itertools import product
 
@@ -28,29 +26,29 @@ MIXED = scene_of(
 STACKED = scene_of("tower ybb | tower k")
 
 
-def goals(appearance: str, tasks: list[Task]) -> list[bool]:
+def goals(appearance, tasks):
     core, buffers = started_core(appearance, tasks)
     core.write_goals()
     return buffers.goal.tolist()
 
 
-def copied(of: Scene) -> Scene:
+def copied(of):
     """Without anything that was derived from the scene before."""
     return Scene.from_json(of.to_json())
 
 
 @pytest.mark.usefixtures("official_data")
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_official_program(appearance: str) -> None:
+def test_goals__equal_the_values_of_every_official_program(appearance):
     check_goals("lilgym", appearance, 2)
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance: str) -> None:
+def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance):
     check_goals("builtin", appearance, 2)
 
 
-def check_goals(corpus: str, appearance: str, rounds: int) -> None:
+def check_goals(corpus, appearance, rounds):
     """Compares goals in the start scenes and after legal edits."""
     by_program = {
         task.program: task for split in ("train", "dev") for task in load_tasks(corpus, appearance, "flipit", split)
@@ -96,7 +94,7 @@ OPERATIONS = {
 
 @pytest.mark.parametrize("source", OPERATIONS)
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_programs_with_each_operation(appearance: str, source: str) -> None:
+def test_goals__equal_the_values_of_programs_with_each_operation(appearance, source):
     boxes = StackBoxLowering(tower_tables().boxes) if appearance == "tower" else ItemBoxLowering()
     written = instructions(compile_program(source).tree, boxes.lower_box_function)
     assert written is not None
@@ -116,27 +114,27 @@ def test_goals__equal_the_values_of_programs_with_each_operation(appearance: str
         ("exist(filter_obj(all_items, lambda x: exist(get_touching(x))))", MIXED, False),  # no instructions
     ],
 )
-def test_goals__call_the_program_if_compiled_code_returns_unknown(source: str, start: Scene, truth: bool) -> None:
+def test_goals__call_the_program_if_compiled_code_returns_unknown(source, start, truth):
     assert goals("scatter", [Task("own", "It is so.", source, truth, start)]) == [True]
 
 
-def test_goals__call_the_program_for_boxes_of_too_many_items() -> None:
+def test_goals__call_the_program_for_boxes_of_too_many_items():
     small = [circle(11 * column, 11 * row, SMALL, B) for row in range(4) for column in range(7)]
     assert len(small) > MAX_BOX_ITEMS
     tasks = [Task("own", "It is so.", f"count(all_items) == {n}", True, scene(small)) for n in (len(small), 1)]
     assert goals("scatter", tasks) == [True, False]
 
 
-def test_goals__of_another_kind_are_asked_about_the_scene() -> None:
+def test_goals__of_another_kind_are_asked_about_the_scene():
     class Never:
-        def reached_in(self, scene: Scene) -> bool:
+        def reached_in(self, scene):
             return False
 
     tasks = [Task("own", "It is so.", "exist(all_items)", True, MIXED, goal) for goal in (None, Never())]
     assert goals("scatter", tasks) == [True, False]
 
 
-def test_task__refuses_a_subclass_whose_goal_compiled_code_would_not_see() -> None:
+def test_task__refuses_a_subclass_whose_goal_compiled_code_would_not_see():
     with pytest.raises(TypeError, match="Never: a Task cannot be subclassed; give it an `other_goal`"):
         type("Never", (Task,), {"solved_by": lambda self, scene: False})
 
@@ -144,7 +142,7 @@ def test_task__refuses_a_subclass_whose_goal_compiled_code_would_not_see() -> No
 @pytest.mark.parametrize(
     "name", [name for name, word in WORDS.items() if word.depends_on in ("attributes", "position")]
 )
-def test_word__its_value_depends_only_on_what_it_declares(name: str) -> None:
+def test_word__its_value_depends_only_on_what_it_declares(name):
     word = WORDS[name]
     for side in Side if len(word.parameters) > 1 else (None,):
         constants = () if side is None else (side,) * (len(word.parameters) - 1)
@@ -159,7 +157,7 @@ def test_word__its_value_depends_only_on_what_it_declares(name: str) -> None:
         assert {len(values) for values in same.values()} == {1}
 
 
-def test_position_tests__call_the_program_if_they_exceed_a_bitmask() -> None:
+def test_position_tests__call_the_program_if_they_exceed_a_bitmask():
     boxes = ItemBoxLowering()
     boxes._indices = {lambda box, n=n: n: n for n in range(62)}
     source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"

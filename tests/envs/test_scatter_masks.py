@@ -1,7 +1,5 @@
 """Masks of batches equal the appearance's in every state, from any start scene."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np
@@ -10,7 +8,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import Scatter
 from tests.envs.alike import compiled_core
 from tests.scenes import scatter_boxes, unchecked_boxes
@@ -25,16 +23,14 @@ GRIDS = [(19, 5), (38, 10), (95, 4), (38, 1), (76, 50)]
     boxes=st.lists(scatter_boxes(), min_size=4, max_size=4),
     unchecked=unchecked_boxes,
 )
-def test_masks__are_exact_for_random_scenes_begun_in_turn_and_edited(
-    grid: tuple[int, int], rules: str, boxes: list[Box], unchecked: Box
-) -> None:
+def test_masks__are_exact_for_random_scenes_begun_in_turn_and_edited(grid, rules, boxes, unchecked):
     one, two, three, four = boxes
     orders = [(one, two, three), (unchecked, two, three), (one, unchecked, four), (four, two, one)]
     tasks = [Task("own", "Blue is here.", "exist(all_items)", True, Scene(order)) for order in orders]
     dynamics = make_dynamics(Scatter(grid), rules)
     core, buffers = compiled_core(dynamics, tasks)
 
-    def is_exact() -> bool:
+    def is_exact():
         core.write_masks()
         return np.array_equal(buffers.mask[0], dynamics.legal_mask(core.state(0)))
 

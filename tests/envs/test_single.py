@@ -1,13 +1,8 @@
 """One environment through Gymnasium's interface: checkers, seeding, tasks, episodes, faults, pictures."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -38,7 +33,7 @@ TWO = pytest.mark.parametrize("name", [TOWER, SCATTER_FLIPIT])
 STOP = 0
 
 
-def make(name: str, **settings: Any) -> LilGymEnv:
+def make(name, **settings):
     env = gym.make(name, **settings).unwrapped
     assert isinstance(env, LilGymEnv)
     return env
@@ -48,7 +43,7 @@ def make(name: str, **settings: Any) -> LilGymEnv:
 
 
 @EVERY
-def test_make__spaces_are_the_documented_ones(name: str):
+def test_make__spaces_are_the_documented_ones(name):
     env = make(name)
     assert env.action_space == gym.spaces.Discrete(CONFIGURATIONS[name][2])
     assert isinstance(env.observation_space, gym.spaces.Dict)
@@ -58,7 +53,7 @@ def test_make__spaces_are_the_documented_ones(name: str):
 
 
 @TWO
-def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name: str):
+def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(TokenizedStatement(gym.make(name)))
 
@@ -67,7 +62,7 @@ def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name: str):
 
 
 @pytest.mark.parametrize(("grid", "count"), [((38, 10), 10_641), ([19, 1], 533), ("native", 1_064_001)])
-def test_settings__grid(grid: Any, count: int):
+def test_settings__grid(grid, count):
     env = make(SCATTER, grid=grid)
     env.reset(seed=0)
     assert env.action_space == gym.spaces.Discrete(count)
@@ -90,14 +85,12 @@ def test_settings__grid(grid: Any, count: int):
     ],
     ids=str,
 )
-def test_settings__unknown_values_are_refused_with_the_choices(settings: dict[str, Any], message: str):
+def test_settings__unknown_values_are_refused_with_the_choices(settings, message):
     with pytest.raises(ValueError, match=message):
         LilGymEnv(**{"appearance": "tower", "start": "scratch", **settings})
 
 
-def test_settings__a_missing_official_corpus_is_refused_with_instructions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_settings__a_missing_official_corpus_is_refused_with_instructions(tmp_path, monkeypatch):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
     with pytest.raises(ValueError, match=r"the official corpus was not found.*LILGYM_DATA"):
         make(TOWER, corpus="lilgym")
@@ -107,7 +100,7 @@ def test_settings__a_missing_official_corpus_is_refused_with_instructions(
 
 
 @TWO
-def test_evaluation_tasks__are_every_entry_once_in_file_order(name: str):
+def test_evaluation_tasks__are_every_entry_once_in_file_order(name):
     env = make(name, split="dev")
     appearance, start, _ = CONFIGURATIONS[name]
     tasks = load_tasks("builtin", appearance, start, "dev")
@@ -155,7 +148,7 @@ def test_change_tasks__draws_from_the_changed_tasks_at_once():
         ({"tasks": "a", "seed": 1}, r"\['seed', 'tasks'\]; choose from task"),
     ],
 )
-def test_reset__unknown_tasks_and_options_are_refused_and_the_episode_goes_on(options: dict[str, Any], message: str):
+def test_reset__unknown_tasks_and_options_are_refused_and_the_episode_goes_on(options, message):
     env = make(TOWER)
     env.reset(seed=0)
     env.step(1)
@@ -169,7 +162,7 @@ def test_reset__unknown_tasks_and_options_are_refused_and_the_episode_goes_on(op
 # Episodes
 
 
-def test_episode__success(own_corpus: Path):
+def test_episode__success(own_corpus):
     env = make(TOWER_FLIPIT, corpus=own_corpus)
     observation, info = env.reset(options={"task": "blue-yes"})
     assert (observation["statement"], observation["target"], info) == ("Blue is here.", 0, {"task": "blue-yes"})
@@ -184,7 +177,7 @@ def test_episode__success(own_corpus: Path):
 
 
 @pytest.mark.parametrize(("rules", "flags"), [("paper", [True, False]), ("release", [False, True])])
-def test_episode__an_invalid_action_is_an_outcome(own_corpus: Path, rules: str, flags: list[bool]):
+def test_episode__an_invalid_action_is_an_outcome(own_corpus, rules, flags):
     env = make(SCATTER_FLIPIT, corpus=own_corpus, rules=rules)
     env.reset(options={"task": "round-no"})
     before = env.scene
@@ -199,7 +192,7 @@ def test_episode__an_invalid_action_is_an_outcome(own_corpus: Path, rules: str, 
 
 def test_before_reset__access_to_the_state_raises_reset_needed():
     env = make(TOWER)
-    uses: list[Callable[[], Any]] = [
+    uses = [
         lambda: env.step(0),
         env.action_masks,
         env.goal_reached,
@@ -217,7 +210,7 @@ def test_before_reset__access_to_the_state_raises_reset_needed():
     [1.0, True, "1", None, -1, 13, 2**70, [1], np.bool_(True), np.array([1, 2])],
     ids=repr,
 )
-def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action: Any):
+def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action):
     env = make(TOWER)
     env.reset(seed=0)
     before = env.state
@@ -229,7 +222,7 @@ def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action: An
 
 
 @pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.int32(1), np.array(1)], ids=repr)
-def test_step__accepts_numpy_integers(action: Any):
+def test_step__accepts_numpy_integers(action):
     env = make(TOWER)
     env.reset(seed=0)
     assert env.step(action)[1] == -0.1
@@ -240,7 +233,7 @@ def test_step__accepts_numpy_integers(action: Any):
 
 @TWO
 @DUPLICATES
-def test_copy__continues_an_episode_independently(name: str, duplicate: Callable[[Any], Any]):
+def test_copy__continues_an_episode_independently(name, duplicate):
     env = make(name)
     env.reset(seed=4)
     env.step(1)
@@ -252,7 +245,7 @@ def test_copy__continues_an_episode_independently(name: str, duplicate: Callable
 
 
 @TWO
-def test_spec__survives_json_and_makes_the_same_environment(name: str):
+def test_spec__survives_json_and_makes_the_same_environment(name):
     settings = {"split": "dev", "rules": "release", "grid": (38, 10), "image_size": "native", "horizon": 7}
     env = gym.make(name, render_mode="rgb_array", **settings)
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
@@ -264,7 +257,7 @@ def test_spec__survives_json_and_makes_the_same_environment(name: str):
 # Pictures
 
 
-def test_render__text_shows_statement_target_and_last_outcome(own_corpus: Path):
+def test_render__text_shows_statement_target_and_last_outcome(own_corpus):
     env = make(TOWER, corpus=own_corpus, render_mode="ansi")
     env.reset(seed=0)
     assert env.render().splitlines()[-2:] == ["Blue is here.", "Make it true.  Action 0 of 12."]
@@ -279,7 +272,7 @@ def test_render__text_shows_statement_target_and_last_outcome(own_corpus: Path):
     assert env.render().splitlines()[-1] == "Make it true.  Action 0 of 12."
 
 
-def test_render__picture_shows_scene_and_caption(own_corpus: Path):
+def test_render__picture_shows_scene_and_caption(own_corpus):
     env = make(TOWER, corpus=own_corpus, render_mode="rgb_array")
     env.reset(seed=0)
     first = env.render()
@@ -292,7 +285,7 @@ def test_render__picture_shows_scene_and_caption(own_corpus: Path):
     assert not np.array_equal(first[below:], second[below:])
 
 
-def test_render__cells_are_shown_on_request(own_corpus: Path):
+def test_render__cells_are_shown_on_request(own_corpus):
     env = make(TOWER, corpus=own_corpus, render_mode="rgb_array", render_cells=True)
     env.reset(seed=0)
     picture = env.render()
@@ -303,7 +296,7 @@ def test_render__cells_are_shown_on_request(own_corpus: Path):
 
 
 @pytest.fixture
-def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_screen(monkeypatch):
     """Windows that nobody sees, in quick succession."""
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
@@ -312,7 +305,7 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_screen")
 @DUPLICATES
-def test_copy__opens_its_own_window(duplicate: Callable[[Any], Any]):
+def test_copy__opens_its_own_window(duplicate):
     env = make(TOWER, render_mode="human")
     env.reset(seed=0)
     other = duplicate(env)
@@ -322,7 +315,7 @@ def test_copy__opens_its_own_window(duplicate: Callable[[Any], Any]):
     other.close()
 
 
-def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch):
+def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = make(TOWER, render_mode="human")
     with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "pygame>=.*the extra human'):

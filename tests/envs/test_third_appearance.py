@@ -1,10 +1,6 @@
 """An appearance that the package does not have, made of the protocol alone: what plays it, and what refuses it."""
 
-from __future__ import annotations
-
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,13 +16,13 @@ from tests.envs.lamps import NAME, Lamps
 
 
 @pytest.fixture(autouse=True)
-def known(monkeypatch: pytest.MonkeyPatch) -> None:
+def known(monkeypatch):
     """The new appearance is known for the time of the test."""
     monkeypatch.setitem(appearances.APPEARANCES, NAME, lambda grid: Lamps())
 
 
 @pytest.fixture
-def corpus(tmp_path: Path) -> str:
+def corpus(tmp_path):
     """A corpus of the new appearance."""
     lamp = {"x_loc": 40, "y_loc": 40, "type": "circle", "color": "Yellow", "size": 20}
     entries = [
@@ -45,18 +41,18 @@ def corpus(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_third_appearance__keeps_the_contracts_single_and_batched(corpus: str, start: str):
-    settings: Any = {"appearance": NAME, "start": start, "corpus": corpus}
+def test_third_appearance__keeps_the_contracts_single_and_batched(corpus, start):
+    settings = {"appearance": NAME, "start": start, "corpus": corpus}
     testing.check_env(lambda: LilGymEnv(**settings))
     testing.check_vector_env(partial(BatchedEnv, **settings), lambda: LilGymEnv(**settings), num_envs=16, steps=20)
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_third_appearance__works_in_the_two_agent_game(corpus: str, protocol: str):
+def test_third_appearance__works_in_the_two_agent_game(corpus, protocol):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     from lilgym_mp.envs.proposer_verifier import BatchedGames, parallel_env
 
-    settings: Any = {"appearance": NAME, "start": "scratch", "corpus": corpus, "protocol": protocol}
+    settings = {"appearance": NAME, "start": "scratch", "corpus": corpus, "protocol": protocol}
     testing.check_batched_games(partial(BatchedGames, **settings), partial(parallel_env, **settings), steps=20)
 
 
@@ -69,7 +65,7 @@ def test_third_appearance__is_refused_by_expert_and_generator():
         load_tasks("generated:1", NAME, "scratch", "train")
 
 
-def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):
+def test_third_appearance__is_unknown_unless_registered(monkeypatch):
     monkeypatch.delitem(appearances.APPEARANCES, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         LilGymEnv(appearance=NAME)

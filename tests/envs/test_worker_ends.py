@@ -1,7 +1,5 @@
 """How workers end: with their environment, with their caller, and with whatever goes wrong while they are started."""
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 import os
@@ -67,18 +65,18 @@ if __name__ == "__main__":
 """
 
 
-def make(id: str = TOWER, **settings: object) -> WorkerVectorEnv:
+def make(id=TOWER, **settings):
     env = WorkerVectorEnv(id, 6, 3, **{"start_method": "fork", "timeout_seconds": 5.0, **settings})
     env.reset(seed=0)
     return env
 
 
-def descriptors() -> int:
+def descriptors():
     return len(os.listdir("/proc/self/fd"))
 
 
 @pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
-def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method: str) -> None:
+def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method):
     make(start_method=start_method).close()  # what Python keeps open for processes is open from here on
     before = descriptors()
     env = make(start_method=start_method)
@@ -90,7 +88,7 @@ def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(sta
 
 
 @pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
-def test_workers__exit_if_their_pipe_is_closed(start_method: str) -> None:
+def test_workers__exit_if_their_pipe_is_closed(start_method):
     env = make(start_method=start_method)
     pids = env.worker_pids
     env._finalizer.detach()  # nothing tells them to end
@@ -100,13 +98,13 @@ def test_workers__exit_if_their_pipe_is_closed(start_method: str) -> None:
 
 
 @pytest.mark.long
-def test_threads__may_each_start_workers_at_the_same_time() -> None:
+def test_threads__may_each_start_workers_at_the_same_time():
     command = [sys.executable, "-W", "ignore", "-c", THREADS]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert (done.stdout.strip(), done.returncode) == ("2", 0), done.stderr
 
 
-def test_a_fork_of_the_caller__does_not_keep_workers_alive() -> None:
+def test_a_fork_of_the_caller__does_not_keep_workers_alive():
     with subprocess.Popen([sys.executable, "-c", FORKS], stdout=subprocess.PIPE, text=True) as caller:
         assert caller.stdout is not None
         child, *pids = map(int, caller.stdout.readline().split())
@@ -118,7 +116,7 @@ def test_a_fork_of_the_caller__does_not_keep_workers_alive() -> None:
             os.kill(child, signal.SIGKILL)
 
 
-def test_a_fork_of_the_caller__cannot_harm_the_environment() -> None:
+def test_a_fork_of_the_caller__cannot_harm_the_environment():
     ours, theirs = make(), make()
     stops = np.zeros(6, np.int64)
     for use in (partial(ours.step, stops), ours.reset, ours.states, ours.action_masks):
@@ -132,16 +130,16 @@ def test_a_fork_of_the_caller__cannot_harm_the_environment() -> None:
 
 
 @pytest.mark.parametrize("moment", ["before it is known", "after its start"])
-def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
-    pids: list[int] = []
+def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch, moment):
+    pids = []
 
-    def interrupted(self: Popen, process: object) -> None:
+    def interrupted(self, process):
         launch(self, process)
         pids.append(self.pid)
         if len(pids) == 2 and moment == "before it is known":
             raise KeyboardInterrupt
 
-    def started(self: object) -> None:
+    def started(self):
         start(self)
         if len(pids) == 2:
             raise KeyboardInterrupt
@@ -164,9 +162,7 @@ def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch: pytest
     ("start_method", "seconds"),
     [("fork", 0.4), *(pytest.param(*each, marks=pytest.mark.long) for each in LONG_INTERRUPTS)],
 )
-def test_an_interrupt_while_workers_are_started__prints_no_traceback_of_theirs(
-    start_method: str, seconds: float
-) -> None:
+def test_an_interrupt_while_workers_are_started__prints_no_traceback_of_theirs(start_method, seconds):
     command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
     assert "KeyboardInterrupt" in done.stderr
@@ -177,7 +173,7 @@ def test_an_interrupt_while_workers_are_started__prints_no_traceback_of_theirs(
     assert (start_method == "spawn" and cut_short) or not re.search(theirs, done.stderr, re.MULTILINE), done.stderr
 
 
-def test_a_daemonic_process__cannot_start_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_daemonic_process__cannot_start_workers(monkeypatch):
     monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
     with pytest.raises(WorkerError, match="a daemonic process cannot start workers"):
         WorkerVectorEnv(TOWER, 128, 2)

@@ -1,11 +1,8 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
@@ -41,7 +38,7 @@ if __name__ == "__main__":
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
 
-def is_running(pid: int) -> bool:
+def is_running(pid):
     """False for a process that has ended, be it still in the table."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
@@ -50,21 +47,21 @@ def is_running(pid: int) -> bool:
     return state != "Z"
 
 
-def assert_gone(pids: tuple[int, ...], seconds: float = 10.0) -> None:
+def assert_gone(pids, seconds=10.0):
     end = time.monotonic() + seconds
     while any(map(is_running, pids)) and time.monotonic() < end:
         time.sleep(0.02)
     assert not [pid for pid in pids if is_running(pid)]
 
 
-def step_on(env: WorkerVectorEnv) -> None:
+def step_on(env):
     """A few steps: a worker may die just after it has carried out one."""
     for _ in range(3):
         env.step(np.zeros(env.num_envs, np.int64))
 
 
 @pytest.fixture(scope="module")
-def compiled() -> None:
+def compiled():
     """Loads compiled code before workers are forked: on a busy machine that takes longer than a timeout of theirs."""
     env = gym.make_vec(SCATTER, num_envs=8)
     env.reset(seed=0)
@@ -73,7 +70,7 @@ def compiled() -> None:
 
 
 @pytest.fixture
-def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
+def workers(compiled):
     env = WorkerVectorEnv(SCATTER, 8, 3, start_method="fork", timeout_seconds=2.0)
     env.reset(seed=0)
     env.step(np.zeros(8, np.int64))
@@ -82,7 +79,7 @@ def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
 
 
 @pytest.mark.parametrize("copied", [True, False])
-def test_workers__show_scenes_and_tasks_as_one_batch_does(copied: bool) -> None:
+def test_workers__show_scenes_and_tasks_as_one_batch_does(copied):
     theirs = gym.make_vec(SCATTER, num_envs=5, copy=copied)
     with closing(WorkerVectorEnv(SCATTER, 5, 2, start_method="fork", copy=copied)) as ours:
         assert_same(ours.reset(seed=5), theirs.reset(seed=5))
@@ -92,8 +89,8 @@ def test_workers__show_scenes_and_tasks_as_one_batch_does(copied: bool) -> None:
             assert_same(ours.task_indices, theirs.task_indices)
 
 
-def test_copies__any_number_and_views_of_them_can_be_kept() -> None:
-    kept: list[np.ndarray] = []  # every second a view of an image that nobody else holds
+def test_copies__any_number_and_views_of_them_can_be_kept():
+    kept = []  # every second a view of an image that nobody else holds
     with closing(WorkerVectorEnv(SCATTER, 4, 2, start_method="fork")) as env:
         first = env.reset(seed=0)[0]["image"]
         copies = []
@@ -106,7 +103,7 @@ def test_copies__any_number_and_views_of_them_can_be_kept() -> None:
     assert_same(kept, copies)
 
 
-def test_workers__evaluate_every_task_once() -> None:
+def test_workers__evaluate_every_task_once():
     with closing(WorkerVectorEnv(TOWER, 6, 3, start_method="fork", split="dev", evaluation=True)) as env:
         seen = set(env.reset()[1]["task"])
         while not env.evaluation_finished:
@@ -115,7 +112,7 @@ def test_workers__evaluate_every_task_once() -> None:
 
 
 @pytest.mark.parametrize("start_method", ["fork", *(pytest.param(each, marks=pytest.mark.long) for each in STARTED)])
-def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None:
+def test_a_worker_that_dies__is_named_with_its_signal(start_method):
     env = WorkerVectorEnv(TOWER, 6, 3, start_method=start_method)
     env.reset(seed=0)
     pids = env.worker_pids
@@ -128,7 +125,7 @@ def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None
 
 
 @pytest.mark.long
-def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEnv) -> None:
+def test_a_worker_that_hangs__is_named_after_the_timeout(workers):
     pids = workers.worker_pids
     os.kill(pids[0], signal.SIGSTOP)
     begun = time.monotonic()
@@ -138,15 +135,15 @@ def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEn
     assert_gone(pids)
 
 
-def test_a_worker_that_raises__passes_on_its_traceback(workers: WorkerVectorEnv) -> None:
+def test_a_worker_that_raises__passes_on_its_traceback(workers):
     pids, no_such_task = workers.worker_pids, len(workers._indexed)
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
         workers._everywhere(Engine.reset, ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], True))
     assert_gone(pids)
 
 
-def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) -> None:
-    def interrupted(env_ids: object) -> None:
+def test_an_interrupt_in_the_caller__ends_the_workers(workers):
+    def interrupted(env_ids):
         raise KeyboardInterrupt
 
     workers._engine.core.step = interrupted
@@ -165,7 +162,7 @@ def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) 
         pytest.param("Ctrl-C", "forkserver", marks=pytest.mark.long),
     ],
 )
-def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how: str, start_method: str) -> None:
+def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path, how, start_method):
     script = tmp_path / "loop.py"
     script.write_text(LOOP)
     before = set(os.listdir("/dev/shm"))
@@ -192,7 +189,7 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
         assert complaint.strip().splitlines()[-1].startswith({"Ctrl-C": "KeyboardInterrupt"}.get(how, "OSError"))
 
 
-def test_workers__work_in_an_interactive_session() -> None:
+def test_workers__work_in_an_interactive_session():
     session = f"""
 from lilgym_mp.envs.workers import WorkerVectorEnv
 env = WorkerVectorEnv({TOWER!r}, 4, 2, start_method="spawn")
@@ -203,12 +200,12 @@ env.close()
     assert "(4, 50, 190, 3)" in done.stdout, done.stderr
 
 
-def test_memory__more_than_the_machine_has_is_refused() -> None:
+def test_memory__more_than_the_machine_has_is_refused():
     with pytest.raises(SharedMemoryError, match=r"MB: this machine has [\d,.]+ MB of memory"):
         WorkerVectorEnv(TOWER, 50_000_000, 2)
 
 
-def test_memory__on_a_full_disk_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory__on_a_full_disk_is_refused(monkeypatch):
     monkeypatch.setattr(shared_memory, "HAS_MEMFD", False)
     monkeypatch.setattr(shared_memory.tempfile, "TemporaryFile", partial(open, "/dev/full", "r+b"))
     descriptors = len(os.listdir("/proc/self/fd"))
@@ -217,7 +214,7 @@ def test_memory__on_a_full_disk_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(os.listdir("/proc/self/fd")) == descriptors
 
 
-def test_workers__release_their_descriptors() -> None:
+def test_workers__release_their_descriptors():
     counts = set[int]()
     for _ in range(3):
         env = WorkerVectorEnv(TOWER, 4, 3, start_method="fork")
@@ -236,12 +233,12 @@ def test_workers__release_their_descriptors() -> None:
         ({"timeout_seconds": 0}, "positive number, not 0"),
     ],
 )
-def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+def test_make__names_the_value_and_the_choices(settings, message):
     with pytest.raises(ValueError, match=message):
         WorkerVectorEnv(**{"id": TOWER, "num_envs": 4, "num_workers": 2, **settings})
 
 
-def test_auto__uses_one_process_for_few_environments() -> None:
+def test_auto__uses_one_process_for_few_environments():
     assert checked_worker_count("auto", 1) == 1
     assert checked_worker_count("auto", 64) == 1
     assert checked_worker_count("auto", 100_000) == usable_cores()

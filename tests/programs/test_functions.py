@@ -1,17 +1,14 @@
 """Semantics of the words not covered by recordings: each rule is shown by programs in small scenes."""
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
-from lilgym_mp.scene import Item, Scene
 from tests.scenes import circle, scene, scene_of
 
 THREE = "square 0,0; circle 40,40 black; circle 75,80 small blue"
 
 
-def value(source: str, shown: Scene) -> str:
+def value(source, shown):
     """The value, checked to be the same by both evaluators, or the error message."""
     program = compile_program(source)
     try:
@@ -172,7 +169,7 @@ RULES = {
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_word(rule: str) -> None:
+def test_word(rule):
     for line in RULES[rule].strip().splitlines():
         expected, program = line.strip().split(" : ")
         source, _, shown = program.partition(" @ ")
@@ -180,14 +177,14 @@ def test_word(rule: str) -> None:
         assert found == expected if expected in ("true", "false") else expected in found, line
 
 
-def holds(source: str, item: Item) -> bool:
+def holds(source, item):
     return value(source, scene([item])) == "true"
 
 
 @pytest.mark.parametrize(
     ("word", "margin"), [("is_touching_wall", 0), ("is_closely_touching_wall", 4), ("is_close_to_wall", 8)]
 )
-def test_walls__margin_is_inclusive(word: str, margin: int) -> None:
+def test_walls__margin_is_inclusive(word, margin):
     for inside, side, outside in (
         (circle(margin, 40), "LEFT", circle(margin + 1, 40)),
         (circle(80 - margin, 40), "RIGHT", circle(79 - margin, 40)),
@@ -203,7 +200,7 @@ def test_walls__margin_is_inclusive(word: str, margin: int) -> None:
 @pytest.mark.parametrize(
     ("word", "margin"), [("is_touching_corner", 0), ("is_closely_touching_corner", 4), ("is_close_to_corner", 8)]
 )
-def test_corners__need_exactly_two_walls(word: str, margin: int) -> None:
+def test_corners__need_exactly_two_walls(word, margin):
     assert holds(f"{word}(all_items[0]) and {word}(all_items[0], Side.LEFT)", circle(margin, margin))
     assert not holds(f"{word}(all_items[0], Side.RIGHT)", circle(margin, margin))
     assert not holds(f"{word}(all_items[0])", circle(margin, margin + 1))

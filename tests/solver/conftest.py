@@ -1,10 +1,5 @@
 """A small corpus, so that solving a whole split is fast."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from lilgym_mp.corpus import write_corpus
@@ -47,7 +42,7 @@ STATEMENTS = (
 )
 
 
-def corpus_entries(split: str) -> list[Any]:
+def corpus_entries(split):
     return [
         entry(
             *(f"{split}-{index}", appearance, split, *told),
@@ -58,8 +53,8 @@ def corpus_entries(split: str) -> list[Any]:
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> str:
+def corpus(tmp_path_factory):
     """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
-    path: Path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
+    path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
     write_corpus(path, "own", "MIT", corpus_entries("train") + corpus_entries("dev"))
     return str(path)

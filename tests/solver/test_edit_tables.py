@@ -1,7 +1,5 @@
 """The tables of all edits of a box agree with the rules."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -19,7 +17,7 @@ from tests.solver.tasks import after_random_edits, mdp
 
 
 @pytest.mark.parametrize(("grid", "rules"), [((19, 5), "paper"), ((38, 10), "paper"), ((19, 1), "release")])
-def test_tables__agree_with_the_rules(grid: tuple[int, int], rules: str):
+def test_tables__agree_with_the_rules(grid, rules):
     dynamics = mdp("scatter", rules, grid=grid)
     scatter, placement = dynamics.appearance, dynamics.rules.placement
     assert isinstance(scatter, Scatter)

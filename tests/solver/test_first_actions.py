@@ -1,7 +1,5 @@
 """Sets of optimal first actions agree with exhaustive trial."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -16,7 +14,7 @@ CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for
 
 
 @pytest.mark.parametrize(("appearance", "start"), CONFIGURATIONS)
-def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
+def test_sets__agree_with_exhaustive_trial(appearance, start):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     max_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
@@ -34,7 +32,7 @@ def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
 
 
 @pytest.mark.parametrize("program", ["Any({})", "NOT(All({}))"])
-def test_sets__are_right_where_the_order_of_boxes_decides_whether_the_program_fails(program: str):
+def test_sets__are_right_where_the_order_of_boxes_decides_whether_the_program_fails(program):
     dynamics = mdp("tower")
     state = dynamics.start(task(program.format("all_boxes, lambda b: is_blue(unique(b))")))
     edits, firsts = optimal_by_trial(dynamics, state, 2)
@@ -54,7 +52,7 @@ FULL = scene_of(
 
 @pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
 @pytest.mark.parametrize(("rules", "start"), [("release", Scene.empty()), ("paper", FULL)], ids=["empty", "full"])
-def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules: str, program: str, start: Scene):
+def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules, program, start):
     """On a sample of the actions in the set and of the others."""
     dynamics = mdp("scatter", rules)
     solver = Solver(dynamics)
@@ -71,7 +69,7 @@ def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rul
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_sets__depend_on_the_edits_left(appearance: str):
+def test_sets__depend_on_the_edits_left(appearance):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     far = dynamics.start(task("count(all_items) == 5"))

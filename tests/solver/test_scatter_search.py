@@ -1,7 +1,5 @@
 """Solutions in Scatter are valid under the exact rules of placement, and as short as is claimed."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest
@@ -52,7 +50,7 @@ PROGRAMS = (
         *(("release", Scene.empty(), program) for program in PROGRAMS if program != SMALL_AT_THE_FLOOR),
     ],
 )
-def test_solution__succeeds_when_played(rules: str, start: Scene, program: str):
+def test_solution__succeeds_when_played(rules, start, program):
     dynamics = mdp("scatter", rules)
     given = task(program, start, target=not task(program).truth(start))
     solution = Solver(dynamics).solve(given)
@@ -63,7 +61,7 @@ def test_solution__succeeds_when_played(rules: str, start: Scene, program: str):
     ("grid", "program"),
     [*(((38, 10), program) for program in PROGRAMS[2:5]), ("native", BLUE_CIRCLE), ("native", SMALL_AT_THE_FLOOR)],
 )
-def test_solution__succeeds_on_other_grids(grid: tuple[int, int] | str, program: str):
+def test_solution__succeeds_on_other_grids(grid, program):
     dynamics = mdp("scatter", grid=grid)
     solution = Solver(dynamics).solve(task(program))
     assert outcome(dynamics, dynamics.start(task(program)), solution.actions) is Outcome.SUCCESS
@@ -101,13 +99,13 @@ def test_solution__of_a_relational_program_is_proven_for_up_to_two_edits():
 
 
 @pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
-def test_solution__of_a_task_solved_at_its_start_is_stop(program: str):
+def test_solution__of_a_task_solved_at_its_start_is_stop(program):
     start = scene_of("circle 0,0 blue; triangle 0,60; square 40,0 black")
     assert Solver(mdp("scatter", horizon=1)).solve(task(program, start)).actions == (STOP,)
 
 
 @pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
-def test_horizon__of_one_action_leaves_no_edit(program: str):
+def test_horizon__of_one_action_leaves_no_edit(program):
     assert Solver(mdp("scatter", horizon=1)).solve(task(program)).status is Status.UNSOLVABLE
 
 

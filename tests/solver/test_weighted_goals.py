@@ -1,17 +1,13 @@
 """Plans for weighted goals have the mass that they state, and as much as the best reachable scene."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.solver import Solver, WeightedGoal, WeightedPlan
+from lilgym_mp.solver import Solver, WeightedGoal
 from tests.scenes import scene_of
 from tests.solver.tasks import mdp, task
 
@@ -35,11 +31,11 @@ STARTS = {
 }
 
 
-def goals(*weighted: tuple[str, float]) -> list[WeightedGoal]:
+def goals(*weighted):
     return [WeightedGoal(program, True, probability) for program, probability in weighted]
 
 
-def final_scene(dynamics: Dynamics, start: Scene, plan: WeightedPlan) -> Scene:
+def final_scene(dynamics, start, plan):
     """The scene at STOP; every edit must be valid."""
     state = dynamics.start(task("True", start))
     for action in plan.actions[:-1]:
@@ -50,16 +46,16 @@ def final_scene(dynamics: Dynamics, start: Scene, plan: WeightedPlan) -> Scene:
     return state.scene
 
 
-def mass_of(given: Sequence[WeightedGoal], at: Scene) -> float:
+def mass_of(given, at):
     return sum(goal.probability for goal in given if task(goal.program).truth(at) == goal.target)
 
 
-def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[WeightedGoal], max_edits: int) -> list[float]:
+def best_mass_by_trial(dynamics, start, given, max_edits):
     """The highest mass of any scene within 0, 1, ... `max_edits` edits, by trying every action."""
     layer = {start}
     best = [mass_of(given, start)]
     for _ in range(max_edits):
-        following: set[Scene] = set()
+        following = set()
         for here in layer:
             state = State(task("True"), here, 0)
             for action in dynamics.legal_mask(state).nonzero()[0][1:].tolist():
@@ -71,7 +67,7 @@ def best_mass_by_trial(dynamics: Dynamics, start: Scene, given: Sequence[Weighte
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_one_goal__is_solved_as_a_task(appearance: str, start: str):
+def test_one_goal__is_solved_as_a_task(appearance, start):
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     for one in load_tasks("builtin", appearance, start, "dev")[::60]:
@@ -97,9 +93,7 @@ SOME_MIXES_AND_STARTS = pytest.mark.parametrize(
 
 @SOME_MIXES_AND_STARTS
 @pytest.mark.parametrize(("appearance", "max_edits"), [("tower", 3), ("scatter", 1)])
-def test_mass__is_the_highest_of_any_reachable_scene_and_the_plan_is_as_short(
-    appearance: str, max_edits: int, mix: int, start_index: int
-):
+def test_mass__is_the_highest_of_any_reachable_scene_and_the_plan_is_as_short(appearance, max_edits, mix, start_index):
     given, start = MIXES[mix], scene_of(STARTS[appearance][start_index])
     dynamics = mdp(appearance)
     best = best_mass_by_trial(dynamics, start, given, max_edits)
@@ -111,7 +105,7 @@ def test_mass__is_the_highest_of_any_reachable_scene_and_the_plan_is_as_short(
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("mix", range(len(MIXES)))
-def test_satisfied__are_the_goals_that_hold_at_stop(appearance: str, mix: int):
+def test_satisfied__are_the_goals_that_hold_at_stop(appearance, mix):
     dynamics, start = mdp(appearance), scene_of(STARTS[appearance][1])
     plan = Solver(dynamics).plan_for(MIXES[mix], start, 11)
     at = final_scene(dynamics, start, plan)
@@ -121,20 +115,20 @@ def test_satisfied__are_the_goals_that_hold_at_stop(appearance: str, mix: int):
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_plan__is_the_shorter_of_two_with_equal_mass(appearance: str):
+def test_plan__is_the_shorter_of_two_with_equal_mass(appearance):
     plan = Solver(mdp(appearance)).plan_for(goals((THREE_BLUE, 0.5), (TWO_BLUE, 0.5)), Scene.empty(), 11)
     assert (len(plan.actions), plan.satisfied) == (3, (1,))
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_goals__of_the_same_program_and_target_add_up(appearance: str):
+def test_goals__of_the_same_program_and_target_add_up(appearance):
     given = goals((BLUE, 0.3), (NO_BLACK, 0.3), (BLUE, 0.4))
     plan = Solver(mdp(appearance)).plan_for(given, Scene.empty(), 11)
     assert (plan.satisfied, plan.mass, len(plan.actions)) == ((0, 1, 2), pytest.approx(1.0), 2)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_goals__out_of_reach_leave_no_plan(appearance: str):
+def test_goals__out_of_reach_leave_no_plan(appearance):
     plan = Solver(mdp(appearance)).plan_for(goals((NEVER, 1.0)), Scene.empty(), 4)
     assert (plan.actions, plan.satisfied, plan.mass) == ((), (), 0.0)
 

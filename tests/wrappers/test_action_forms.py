@@ -1,10 +1,5 @@
 """Actions as arrays and by name."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -12,7 +7,7 @@ from gymnasium import spaces
 
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError, describe, named
-from lilgym_mp.scene.appearances import Appearance, make_appearance
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import (
     MultiDiscreteActions,
     StopForcing,
@@ -21,10 +16,8 @@ from lilgym_mp.wrappers import (
 )
 from tests.scenes import scene_of
 
-Make = Callable[..., gym.Env[Any, Any]]
 
-
-def test_arrays__are_the_released_form(make: Make):
+def test_arrays__are_the_released_form(make):
     env = MultiDiscreteActions(make("TowerScratch"))
     assert env.action_space == spaces.MultiDiscrete([3, 3, 3])
     env.reset(seed=0)
@@ -33,16 +26,14 @@ def test_arrays__are_the_released_form(make: Make):
         assert env.unwrapped.scene == shown
 
 
-def test_arrays__of_scatter_cover_the_grid(make: Make):
+def test_arrays__of_scatter_cover_the_grid(make):
     env = MultiDiscreteActions(make("ScatterScratch", grid=(38, 10)))
     assert env.action_space == spaces.MultiDiscrete([3, 38, 10, 3, 3, 3])
 
 
 @pytest.mark.parametrize("unused", [-1, 99])
 @pytest.mark.parametrize(("appearance", "grid"), [("Tower", (19, 5)), ("Scatter", (38, 4))])
-def test_every_array__decodes_to_its_index_ignoring_unused_slots(
-    make: Make, appearance: str, grid: tuple[int, int], unused: int
-):
+def test_every_array__decodes_to_its_index_ignoring_unused_slots(make, appearance, grid, unused):
     env = MultiDiscreteActions(make(f"{appearance}Scratch", grid=grid))
     actions = make_appearance(appearance.lower(), grid)
     arrays = np.array([actions.to_array(actions.decode(index)) for index in range(actions.action_count)])
@@ -52,7 +43,7 @@ def test_every_array__decodes_to_its_index_ignoring_unused_slots(
 
 
 @pytest.mark.parametrize("actions", [make_appearance("tower"), make_appearance("scatter", (38, 10))], ids=str)
-def test_every_name__decodes_to_its_action(actions: Appearance):
+def test_every_name__decodes_to_its_action(actions):
     assert all(named(describe(action)) == action for action in map(actions.decode, range(actions.action_count)))
 
 
@@ -64,21 +55,21 @@ def test_every_name__decodes_to_its_action(actions: Appearance):
         ([1.0, 0.0, 0.0], "3 whole numbers"),
     ],
 )
-def test_invalid_array__is_refused(make: Make, action: list[Any], message: str):
+def test_invalid_array__is_refused(make, action, message):
     env = MultiDiscreteActions(make("TowerScratch"))
     env.reset(seed=0)
     with pytest.raises(ActionError, match=message):
         env.step(action)
 
 
-def test_arrays__of_a_batch(corpus: Any):
+def test_arrays__of_a_batch(corpus):
     batch = multi_discrete_actions_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, corpus=str(corpus)))
     batch.reset(seed=0)
     batch.step(np.array([[1, 0, 2], [1, 2, 1], [0, 0, 0]]))
     assert batch.unwrapped._buffers.action.tolist() == [3, 8, 0]
 
 
-def test_wrapper_that_needs_discrete_actions__is_refused_on_others(make: Make):
+def test_wrapper_that_needs_discrete_actions__is_refused_on_others(make):
     with pytest.raises(WrongEnvironment, match=r"StopForcing needs the action space Discrete\(13\)"):
         StopForcing(MultiDiscreteActions(make("TowerScratch")), mode="replace")
     MultiDiscreteActions(StopForcing(make("TowerScratch"), mode="replace"))

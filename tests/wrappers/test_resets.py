@@ -1,7 +1,5 @@
 """Shaped rewards and forced stops around wrappers that reset environments themselves."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -21,7 +19,7 @@ N = 4
 class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
     """Resets in the step that ends an episode, as some wrappers of other libraries do."""
 
-    def step(self, action: Any) -> Any:
+    def step(self, action):
         observation, reward, terminated, truncated, info = self.env.step(action)
         if terminated or truncated:
             observation, _ = self.env.reset()
@@ -29,7 +27,7 @@ class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
 
 
 @pytest.mark.parametrize("resetting", [Autoreset, ResetAtOnce])
-def test_shaping__around_a_wrapper_that_resets_is_as_with_resets_by_hand(resetting: Any) -> None:
+def test_shaping__around_a_wrapper_that_resets_is_as_with_resets_by_hand(resetting):
     by_hand, env = PotentialShaping(gym.make(TOWER)), PotentialShaping(resetting(gym.make(TOWER)))
     for each in (by_hand, env):
         each.reset(seed=2)
@@ -43,7 +41,7 @@ def test_shaping__around_a_wrapper_that_resets_is_as_with_resets_by_hand(resetti
                 assert (reward, "unshaped_reward" in info) == (0, False)
 
 
-def test_forcing__forces_nothing_in_steps_that_only_reset() -> None:
+def test_forcing__forces_nothing_in_steps_that_only_reset():
     env = StopForcing(Autoreset(gym.make("lilgym_mp/TowerScratch-v0")), mode="replace")
     env.reset(seed=0)
     was_over = False
@@ -56,14 +54,14 @@ def test_forcing__forces_nothing_in_steps_that_only_reset() -> None:
 class TakesTheMask(gym.vector.VectorWrapper):
     """Takes `reset_mask` out of the options it is given, as RecordEpisodeStatistics does."""
 
-    def reset(self, *, seed: Any = None, options: Any = None) -> Any:
+    def reset(self, *, seed=None, options=None):
         started = self.env.reset(seed=seed, options=options)
         (options or {}).pop("reset_mask", None)
         return started
 
 
 @pytest.mark.parametrize("wrap", [potential_shaping_v0, partial(stop_forcing_v0, mode="replace")], ids=str)
-def test_partial_resets__equal_those_of_single_environments(wrap: Any) -> None:
+def test_partial_resets__equal_those_of_single_environments(wrap):
     make = lambda **settings: wrap(TakesTheMask(gym.make_vec(TOWER, **settings)))  # noqa: E731
     modes = [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP]
     check_vector_env(make, lambda: wrap(gym.make(TOWER)), num_envs=N, modes=modes, exact_masks=False, steps=15)
@@ -72,14 +70,14 @@ def test_partial_resets__equal_those_of_single_environments(wrap: Any) -> None:
 class ResetsAtOnce(gym.vector.VectorWrapper):
     """Resets environments in the step that ends their episodes."""
 
-    def step(self, actions: Any) -> Any:
+    def step(self, actions):
         result = self.env.step(actions)
         if (ended := result[2] | result[3]).any():
             self.env.reset(options={"reset_mask": ended})
         return result
 
 
-def test_partial_resets__leave_potentials_of_other_environments_alone() -> None:
+def test_partial_resets__leave_potentials_of_other_environments_alone():
     disabled = gym.make_vec(TOWER, num_envs=N, autoreset_mode=AutoresetMode.DISABLED)
     outer = potential_shaping_v0(ResetsAtOnce(disabled))
     plain = potential_shaping_v0(gym.make_vec(TOWER, num_envs=N, autoreset_mode=AutoresetMode.SAME_STEP))

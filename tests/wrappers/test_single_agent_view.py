@@ -1,9 +1,5 @@
 """SingleAgentView of a wrapped game: wrappers apply to the agent and the partner."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,7 +8,6 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes 
 
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
-    PartnerTurn,
     SingleAgentView,
     env,
     parallel_env,
@@ -25,7 +20,7 @@ PROPOSER, VERIFIER = "proposer_0", "verifier_0"
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
-def test_flat_observation__applies_to_the_view(make: Any):
+def test_flat_observation__applies_to_the_view(make):
     view = SingleAgentView(flat_observation_v0(grid_planes_v0(make())), PROPOSER, ALWAYS_ACCEPT)
     observation, _ = view.reset(seed=0)
     assert isinstance(observation, np.ndarray)
@@ -39,7 +34,7 @@ EASY = Task("easy", "A block is blue.", "exist(filter_color(all_items, Color.BLU
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
-def test_stop_forcing__allows_only_stop_at_the_goal(make: Any):
+def test_stop_forcing__allows_only_stop_at_the_goal(make):
     view = SingleAgentView(stop_forcing_v0(make(reveal_truth=True)), PROPOSER, ALWAYS_ACCEPT)
     view.reset(options={"task": EASY})
     assert view.action_masks().sum() > 1
@@ -51,9 +46,9 @@ def test_stop_forcing__allows_only_stop_at_the_goal(make: Any):
 def test_wrappers__apply_to_the_partner():
     """At the goal, the partner playing the proposer may only STOP."""
     game = stop_forcing_v0(env(protocol="audit"))
-    allowed: list[list[int]] = []
+    allowed = []
 
-    def proposer(turn: PartnerTurn) -> int:
+    def proposer(turn):
         allowed.extend(np.flatnonzero(mask).tolist() for mask in (turn.action_mask, turn["action_mask"]))
         return ADD_LEFT_BLUE if len(allowed) == 2 else 0
 

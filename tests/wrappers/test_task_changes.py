@@ -1,11 +1,6 @@
 """Box permutation and the NLVR reward."""
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -23,8 +18,6 @@ from lilgym_mp.wrappers import (
     WrongEnvironment,
     box_permutation_v0,
 )
-
-Make = Callable[..., gym.Env[Any, Any]]
 
 STOP, ADD_LEFT_BLACK, ADD_LEFT_BLUE, ADD_MIDDLE_BLUE, ADD_RIGHT_BLUE = 0, 2, 3, 6, 9
 
@@ -44,7 +37,7 @@ NAMES_A_BOX = {
 }
 
 
-def test_permuted__has_six_tasks_one_per_order_of_the_boxes(corpus: Path):
+def test_permuted__has_six_tasks_one_per_order_of_the_boxes(corpus):
     tasks = load_tasks(str(corpus), "tower", "flipit", "train")
     permuted = with_permuted_boxes(tasks)
     assert len(permuted) == 6 * len(tasks)
@@ -53,14 +46,14 @@ def test_permuted__has_six_tasks_one_per_order_of_the_boxes(corpus: Path):
     assert permuted.by_id("blue-yes@201").start == start.permuted((2, 0, 1))
 
 
-def test_permuted__distinct_omits_equal_scenes(corpus: Path):
+def test_permuted__distinct_omits_equal_scenes(corpus):
     """One filled box has three positions; two different filled boxes have six orders."""
     tasks = load_tasks(str(corpus), "tower", "flipit", "train")
     distinct = with_permuted_boxes(tasks, distinct=True)
     assert Counter(name.split("@")[0] for name in distinct.ids) == {"blue-yes": 6, "blue-no": 3, "pair-no": 3}
 
 
-def test_permuted__omits_orders_that_change_the_truth(tmp_path: Path):
+def test_permuted__omits_orders_that_change_the_truth(tmp_path):
     write_corpus(tmp_path / "left.jsonl", "left", "MIT", [NAMES_A_BOX])
     permuted = with_permuted_boxes(load_tasks(tmp_path / "left.jsonl", "tower", "flipit", "train"))
     assert permuted.ids == ("left-yes", "left-yes@021")
@@ -81,16 +74,16 @@ def test_permuted__official_statements_never_name_a_box():
     assert len(with_permuted_boxes(tasks, distinct=True)) == 1878
 
 
-def test_box_permutation__starts_in_every_order(make: Make):
+def test_box_permutation__starts_in_every_order(make):
     env = BoxPermutation(make("TowerFlipIt"))
     starts = Counter[Scene]()
     env.reset(seed=0)
     for _ in range(300):
         env.reset()
-        starts[env.unwrapped.scene] += 1  # pyright: ignore[reportAttributeAccessIssue]
+        starts[env.unwrapped.scene] += 1
     assert len(starts) == 12  # six orders of "blue-yes", three of the black block alone, three of the blue one alone
     env.reset(options={"task": "pair-no@120"})
-    assert [len(box.items) for box in env.unwrapped.scene.boxes] == [0, 0, 1]  # pyright: ignore[reportAttributeAccessIssue]
+    assert [len(box.items) for box in env.unwrapped.scene.boxes] == [0, 0, 1]
 
 
 @pytest.mark.parametrize(
@@ -103,9 +96,7 @@ def test_box_permutation__starts_in_every_order(make: Make):
         ("pair", [ADD_LEFT_BLUE, ADD_MIDDLE_BLUE], False),  # the corpus has no scene of it labelled true
     ],
 )
-def test_nlvr_reward__and_stop_forcing_know_scenes_of_the_corpus_alone(
-    make: Make, task: str, actions: list[int], is_success: bool
-):
+def test_nlvr_reward__and_stop_forcing_know_scenes_of_the_corpus_alone(make, task, actions, is_success):
     """The corpus's scene labelled true for "blue": black to the left, blue in the middle."""
     env = StopForcing(NLVRReward(make("TowerScratch")))
     env.reset(options={"task": task})
@@ -116,13 +107,13 @@ def test_nlvr_reward__and_stop_forcing_know_scenes_of_the_corpus_alone(
     assert (reward, info["is_success"]) == (1.0 if is_success else -1.0, is_success)
 
 
-def test_nlvr_reward__refuses_flipit(make: Make):
+def test_nlvr_reward__refuses_flipit(make):
     with pytest.raises(CorpusError, match=r"flipit.*scene matching requires Scratch tasks"):
         NLVRReward(make("TowerFlipIt"))
 
 
 @pytest.mark.parametrize("wrapper", [BoxPermutation, NLVRReward])
-def test_task_change__must_be_applied_before_wrappers_that_read_tasks(make: Make, wrapper: Any):
+def test_task_change__must_be_applied_before_wrappers_that_read_tasks(make, wrapper):
     with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} changes the tasks, so it must be applied before"):
         wrapper(StepsLeft(ActionMask(make("TowerScratch"))))
 
@@ -133,7 +124,7 @@ def test_task_change__refuses_a_sampler():
             box_permutation_v0(env("lilgym_mp/TowerFlipIt-v0", sampler=lambda generator, env_id: None))
 
 
-def test_task_change__applies_to_batches_and_workers(corpus: Path):
+def test_task_change__applies_to_batches_and_workers(corpus):
     settings = {"num_envs": 6, "corpus": str(corpus)}
     batch = box_permutation_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", **settings))
     workers = box_permutation_v0(WorkerVectorEnv("lilgym_mp/TowerFlipIt-v0", num_workers=2, **settings))

@@ -1,10 +1,5 @@
 """Array observations with masks in infos, and SuperSuit's wrappers on them."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,14 +10,14 @@ from pettingzoo.test import api_test, parallel_api_test
 from lilgym_mp.envs.proposer_verifier import AGENTS, env, parallel_env
 from lilgym_mp.wrappers import WrongEnvironment, grid_planes_v0
 
-SUPERSUIT: dict[str, Callable[[Any, Any], Any]] = {  # called with the supersuit module and the game
+SUPERSUIT = {  # called with the supersuit module and the game
     "frame_stack": lambda ss, game: ss.frame_stack_v1(game, 3),
     "dtype": lambda ss, game: ss.dtype_v0(game, np.float32),
 }
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_vectors__are_the_nested_observations_with_masks_in_infos(protocol: str):
+def test_vectors__are_the_nested_observations_with_masks_in_infos(protocol):
     nested, game = parallel_env(protocol=protocol), parallel_env(protocol=protocol, observations="vector")
     turns = env(protocol=protocol, observations="vector")
     turns.reset(seed=0)
@@ -51,7 +46,7 @@ def test_unknown_form__is_refused_naming_the_choices():
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", [None, *SUPERSUIT])
-def test_pettingzoos_api_tests__pass_with_supersuits_wrappers(name: str | None):
+def test_pettingzoos_api_tests__pass_with_supersuits_wrappers(name):
     supersuit = pytest.importorskip("supersuit")
     wrap = SUPERSUIT[name] if name else lambda module, game: game
     api_test(wrap(supersuit, env(observations="vector")), num_cycles=20)

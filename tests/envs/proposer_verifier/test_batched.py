@@ -1,7 +1,5 @@
 """BatchedGames equals single games, which are batches of one stepped as scalars."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
@@ -52,7 +50,7 @@ wait accept | turns=[1, 0] proposal=-1 verdict=1  goal_reached=0 own_turn_reward
 
 
 @pytest.mark.parametrize("count", [1, GAMES])
-def test_infos__describe_each_turn_of_a_hand_worked_veto_game(count: int):
+def test_infos__describe_each_turn_of_a_hand_worked_veto_game(count):
     games = BatchedGames(count, tasks=TASKS, protocol="veto", reveal_truth=True)
     games.reset(seed=0)
     for line in VETO_GAME.strip().splitlines():
@@ -67,7 +65,7 @@ def test_infos__describe_each_turn_of_a_hand_worked_veto_game(count: int):
 def test_refused__shows_the_proposal_until_an_action_is_played():
     game = parallel_env(protocol="veto")
     seen, _ = game.reset(seed=0)
-    refused: list[list[int]] = []
+    refused = []
     for proposer, verifier in ((ADD_BLUE, 2), (WAIT, REJECT), (ADD_BLUE, 2), (WAIT, ACCEPT)):
         seen, *_ = game.step({PROPOSER: proposer, VERIFIER: verifier})
         refused.append(seen[PROPOSER]["observation"]["refused"].tolist())
@@ -86,9 +84,9 @@ def test_proposed_scene__is_the_scene_after_the_proposal():
 def test_tasks_and_sampler__choose_what_is_played():
     whole = BatchedGames(1).tasks
     some = TaskSet(list(whole)[5:9], whole.provenance)
-    asked: list[list[int]] = []
+    asked = []
 
-    def sampler(indices: np.ndarray) -> np.ndarray:
+    def sampler(indices):
         asked.append(indices.tolist())
         return np.full(len(indices), len(asked))
 
@@ -118,7 +116,7 @@ def test_reset__options_set_task_and_intent_of_all_games():
 
 
 @pytest.mark.parametrize("copies", [True, False])
-def test_images__are_reused_unless_copied_but_last_ones_are_kept(copies: bool):
+def test_images__are_reused_unless_copied_but_last_ones_are_kept(copies):
     batch = BatchedGames(2, protocol="joint", copy=copies)
     images = [batch.reset(seed=0)[0][PROPOSER]["observation"]["image"]]
     shown = images[0].copy()

@@ -1,10 +1,5 @@
 """The rules of each protocol, and the rewards."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
-from typing import Any
-
 import pytest
 from gymnasium.error import ResetNeeded
 
@@ -20,7 +15,6 @@ from tests.envs.proposer_verifier.games import (
     REJECT,
     STOPS,
     OneGame,
-    Step,
     all_steps,
     final_step,
     game,
@@ -52,18 +46,18 @@ critique exchanges=1       black reject blue         | continues      proposer 1
 """
 
 
-def turns_of(words: Iterable[str]) -> list[int | tuple[int, ...]]:
+def turns_of(words):
     """The actions of each turn; a pair where both agents move."""
     turns = [tuple(ACTIONS[name] for name in word.split("+")) for word in words]
     return [turn if len(turn) > 1 else turn[0] for turn in turns]
 
 
-def items(step: Step) -> int:
+def items(step):
     return sum(1 for _ in step.state.mdp.scene.items())
 
 
 @pytest.mark.parametrize("drawn", TURNS.strip().splitlines())
-def test_game__of_these_actions(drawn: str):
+def test_game__of_these_actions(drawn):
     played, (outcome, movers, *numbers) = drawn.split("|")[0].split(), drawn.split("|")[1].split()
     settings = dict(word.split("=") for word in played[1:] if "=" in word)
     options = {name: int(value) if value.isdigit() else value for name, value in settings.items()}
@@ -110,7 +104,7 @@ ILLEGAL = {
 
 
 @pytest.mark.parametrize("meaning", ILLEGAL)
-def test_illegal_choice__counts_as_no_choice(meaning: str):
+def test_illegal_choice__counts_as_no_choice(meaning):
     protocol, *words = ILLEGAL[meaning].split()
     step = final_step(game(protocol=protocol), *turns_of(words))
     assert any(step.illegal)
@@ -136,7 +130,7 @@ hidden      deceptive STOP refuse       | 0.0 1.0
 
 
 @pytest.mark.parametrize("line", REWARDED.strip().splitlines())
-def test_rewards__in_audit(line: str):
+def test_rewards__in_audit(line):
     played, expected = line.split("|")
     rewards, intent, *words = played.split()
     step = final_step(game(protocol="audit", rewards=rewards), *turns_of(words), intent=Intent[intent.upper()])
@@ -165,7 +159,7 @@ def test_engine__needs_the_action_of_the_agent_to_move():
 
 
 @pytest.mark.parametrize("action", [-1, 14, 1.0, True, [1]])
-def test_engine__refuses_invalid_actions(action: Any):
+def test_engine__refuses_invalid_actions(action):
     engine = GameEngine(game())
     engine.reset(0, None)
     with pytest.raises(ActionError, match="proposer_0"):

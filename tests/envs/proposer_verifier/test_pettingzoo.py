@@ -1,14 +1,10 @@
 """PettingZoo's API tests for every protocol, and what they do not cover."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import warnings
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pettingzoo
@@ -37,10 +33,10 @@ from tests.scenes import B, Y, circle, scene, tower
 
 PROPOSER, VERIFIER = AGENTS
 CYCLES = 25
-FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
+FORMS = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
 GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
 OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))
-WRONG_OPTIONS: list[tuple[Any, str]] = [
+WRONG_OPTIONS = [
     ({"task": "nothing"}, "no task 'nothing'"),
     ({"task": OTHER, "intent": "kind"}, "'kind'; choose from deceptive, helpful"),
     ({"task": OTHER, "tsk": "1"}, r"\['tsk'\]; choose from task, intent"),
@@ -59,9 +55,9 @@ SPACE_WARNINGS = {"Agents have different observation space sizes"}
 
 
 @contextmanager
-def warned() -> Iterator[set[str]]:
+def warned():
     """Collects the warnings raised inside."""
-    messages: set[str] = set()
+    messages = set()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield messages
@@ -69,7 +65,7 @@ def warned() -> Iterator[set[str]]:
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_api_tests__pass_with_only_the_known_warnings(protocol: str):
+def test_api_tests__pass_with_only_the_known_warnings(protocol):
     for homogeneous in (False, True):
         with warned() as messages:
             api_test(env(protocol=protocol, homogeneous=homogeneous), CYCLES)
@@ -81,7 +77,7 @@ def test_api_tests__pass_with_only_the_known_warnings(protocol: str):
 
 
 @pytest.mark.parametrize(("views", "appearance"), [("image", "tower"), ("structured", "scatter")])
-def test_api_test__passes_for_every_view(views: str, appearance: str):
+def test_api_test__passes_for_every_view(views, appearance):
     settings = {"views": views, "appearance": appearance, "start": "flipit", "rewards": "hidden", "message_size": 2}
     with warned() as messages:
         api_test(env(**settings), CYCLES)
@@ -90,7 +86,7 @@ def test_api_test__passes_for_every_view(views: str, appearance: str):
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_seed_state_and_render_tests__pass(protocol: str, monkeypatch: pytest.MonkeyPatch):
+def test_seed_state_and_render_tests__pass(protocol, monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 10_000)
     seed_test(lambda: env(protocol=protocol), CYCLES)
@@ -100,7 +96,7 @@ def test_seed_state_and_render_tests__pass(protocol: str, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_aec_and_parallel__play_the_same_game(protocol: str):
+def test_aec_and_parallel__play_the_same_game(protocol):
     turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
     rng = np.random.default_rng(1)
     for episode in range(5):
@@ -189,7 +185,7 @@ def test_truth__is_in_no_observation():
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_options__set_task_and_intent(form: str):
+def test_options__set_task_and_intent(form):
     game = FORMS[form](rewards="hidden", views={"statement": "text"})
     tasks = game.unwrapped.tasks
     for choice, played in ((GIVEN, GIVEN), (OTHER, OTHER), (tasks.ids[3], tasks[3]), (tasks[4], tasks[4])):
@@ -201,7 +197,7 @@ def test_options__set_task_and_intent(form: str):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_options_and_seeds__that_are_wrong_change_nothing(form: str):
+def test_options_and_seeds__that_are_wrong_change_nothing(form):
     game = FORMS[form](rewards="hidden")
     tasks = game.unwrapped.tasks
     game.reset(options={"task": GIVEN})
@@ -218,7 +214,7 @@ def test_options_and_seeds__that_are_wrong_change_nothing(form: str):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_step__before_reset_is_refused(form: str):
+def test_step__before_reset_is_refused(form):
     game = FORMS[form]()
     expected = (AssertionError, "reset.. needs to be called") if form == "env" else (ResetNeeded, "call reset")
     with pytest.raises(expected[0], match=expected[1]):
@@ -226,10 +222,10 @@ def test_step__before_reset_is_refused(form: str):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_step__after_the_end_is_refused(form: str):
+def test_step__after_the_end_is_refused(form):
     game = FORMS[form](protocol="joint")
     game.reset(seed=0)
-    again: Any = ADD_BLUE
+    again = ADD_BLUE
     if form == "parallel_env":
         again = {PROPOSER: ADD_BLUE, VERIFIER: STOP_NOW}
         game.step(again)
@@ -254,12 +250,12 @@ def test_step__refuses_actions_for_others_and_outside_the_action_space():
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_close__makes_everything_raise(form: str):
+def test_close__makes_everything_raise(form):
     game = FORMS[form](render_mode="ansi")
     game.reset(seed=0)
     game.close()
     game.close()
-    uses: list[Callable[[], Any]] = [
+    uses = [
         game.reset,
         game.render,
         game.state,
@@ -282,7 +278,7 @@ def test_close__of_a_single_agent_view_makes_everything_raise():
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[Any], Any]):
+def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied):
     copies = [copied(raw_env()) for _ in range(8)]
     for one in copies:
         one.reset()
@@ -296,14 +292,14 @@ def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[A
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="this pettingzoo has no registry")
 @pytest.mark.parametrize(("kind", "base"), [("aec", pettingzoo.AECEnv), ("parallel", pettingzoo.ParallelEnv)])
-def test_registry__makes_aec_and_parallel(kind: Any, base: type):
+def test_registry__makes_aec_and_parallel(kind, base):
     game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
     assert isinstance(game, base)
     assert game.unwrapped.engine.game.protocol.name == "audit"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_read_action__is_the_inverse_of_describe_action(protocol: str):
+def test_read_action__is_the_inverse_of_describe_action(protocol):
     game = raw_env(protocol=protocol, message_size=2)
     for agent in AGENTS:
         for action in range(game.action_space(agent).n):

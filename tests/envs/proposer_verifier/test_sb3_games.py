@@ -1,9 +1,6 @@
 """The game as a Stable-Baselines3 `VecEnv`."""
 
-from __future__ import annotations
-
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +11,6 @@ from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_suppo
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     BatchedGames,
-    PartnerTurn,
     Role,
     SingleAgentView,
     env,
@@ -28,26 +24,26 @@ PROPOSER, VERIFIER = AGENTS
 GAMES, STEPS = 4, 20
 
 
-def claims_after_two_edits(turn: PartnerTurn) -> int:
+def claims_after_two_edits(turn):
     return int(np.flatnonzero(turn.action_mask)[0 if turn.state.mdp.steps == 2 else -1])
 
 
-def legal_actions(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def legal_actions(masks, rng):
     return np.array([rng.choice(np.flatnonzero(mask)) for mask in masks])
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
 @pytest.mark.parametrize("agent", AGENTS)
-def test_one_seat__plays_as_single_agent_views_do(protocol: str, agent: str):
+def test_one_seat__plays_as_single_agent_views_do(protocol, agent):
     partner = "oracle" if agent == PROPOSER else claims_after_two_edits
-    settings: dict[str, Any] = {"protocol": protocol, "rewards": "hidden"}
+    settings = {"protocol": protocol, "rewards": "hidden"}
     make = partial(make_game_vec_env, GAMES, agent, partner, **settings)
     check_sb3_games(make, lambda: SingleAgentView(env(**settings), agent, partner), steps=12)
     assert make().observation_space == SingleAgentView(env(**settings), agent, partner).observation_space
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_both_seats__are_two_rows_of_a_game_of_a_batch(protocol: str):
+def test_both_seats__are_two_rows_of_a_game_of_a_batch(protocol):
     games = make_game_vec_env(GAMES, protocol=protocol, seed=3, rewards="correctness")
     batch = BatchedGames(GAMES, protocol=protocol, homogeneous=True, rewards="correctness")
     rng, seen, (expected, _) = np.random.default_rng(0), games.reset(), batch.reset(seed=3)
@@ -66,7 +62,7 @@ def test_both_seats__are_two_rows_of_a_game_of_a_batch(protocol: str):
 
 
 @pytest.mark.parametrize(("agent", "partner"), [(VERIFIER, "helpful"), ("both", None)])
-def test_maskable_ppo__learns_from_it(agent: str, partner: str | None):
+def test_maskable_ppo__learns_from_it(agent, partner):
     games = make_game_vec_env(8, agent, partner, seed=0, views="guide", protocol="critique")
     assert is_masking_supported(games)
     model = MaskablePPO("MultiInputPolicy", games, n_steps=4, batch_size=32, n_epochs=1, seed=0)

@@ -1,14 +1,10 @@
 """Invalid settings are refused."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, BatchedGames, env, parallel_env, raw_env
 
-REFUSED: list[tuple[dict[str, Any], str]] = [
+REFUSED = [
     ({"protocol": "vote"}, f"'vote'; choose from {', '.join(sorted(PROTOCOLS))}"),
     ({"colour": 1}, "'colour'; choose from corpus, split, rules"),
     ({"rules": "house"}, "'house'; choose from paper, release"),  # and other settings of single environments
@@ -49,19 +45,19 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("settings", "message"), REFUSED, ids=[message[:40] for _, message in REFUSED])
-def test_settings__are_refused_with_the_value_and_the_choices(settings: dict[str, Any], message: str):
+def test_settings__are_refused_with_the_value_and_the_choices(settings, message):
     with pytest.raises((ValueError, TypeError), match=message):
         parallel_env(**settings)
 
 
 @pytest.mark.parametrize("make", [env, raw_env, parallel_env, lambda **how: BatchedGames(2, **how)])
-def test_settings__are_validated_by_every_environment(make: Any):
+def test_settings__are_validated_by_every_environment(make):
     with pytest.raises(ValueError, match="'vote'"):
         make(protocol="vote")
 
 
 @pytest.mark.parametrize("name", ["ScatterFlipIt", "lilgym_mp/ScatterFlipIt-v0"])
-def test_configuration__sets_appearance_and_start(name: str):
+def test_configuration__sets_appearance_and_start(name):
     for tasks in (env(name).unwrapped.tasks, parallel_env(name).tasks, BatchedGames(1, configuration=name).tasks):
         assert (tasks.provenance.appearance, tasks.provenance.start) == ("scatter", "flipit")
 
@@ -72,6 +68,6 @@ def test_render_mode__is_refused_with_the_choices():
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, True])
-def test_number_of_games__must_be_positive(count: Any):
+def test_number_of_games__must_be_positive(count):
     with pytest.raises(ValueError, match="num_games must be a positive"):
         BatchedGames(count)

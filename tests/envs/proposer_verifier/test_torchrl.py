@@ -1,9 +1,6 @@
 """TorchRL's PettingZoo wrapper accepts the game in all its forms."""
 
-from __future__ import annotations
-
 import importlib.util
-from typing import Any
 
 import pytest
 
@@ -27,9 +24,7 @@ pytestmark = pytest.mark.filterwarnings("default")
         (parallel_env, "critique", "vector", False),
     ],
 )
-def test_pettingzoo_wrapper__takes_the_game_with_its_masks(
-    make: Any, protocol: str, observations: str, homogeneous: bool
-):
+def test_pettingzoo_wrapper__takes_the_game_with_its_masks(make, protocol, observations, homogeneous):
     game = make(protocol=protocol, views="structured", observations=observations, homogeneous=homogeneous)
     wrapped = PettingZooWrapper(game, return_state=False, use_mask=make is env, done_on_any=True)
     check_env_specs(wrapped)

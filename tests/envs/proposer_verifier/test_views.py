@@ -1,10 +1,7 @@
 """The parts of each agent's observation."""
 
-from __future__ import annotations
-
 import copy
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game
 PROPOSER, VERIFIER = AGENTS
 
 
-def engine(**settings: Any) -> GameEngine:
+def engine(**settings):
     """The engine after reset, with the only task."""
     started = GameEngine(game(**settings))
     started.reset(0, None)
@@ -88,12 +85,12 @@ def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():
 
 
 @pytest.mark.parametrize("split", ["train", "dev"])
-def test_spaces__are_the_same_for_every_split(split: str):
+def test_spaces__are_the_same_for_every_split(split):
     assert parallel_env(split=split).observation_space(PROPOSER) == parallel_env().observation_space(PROPOSER)
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copy_in_mid_game__continues_alike(copied: Any):
+def test_copy_in_mid_game__continues_alike(copied):
     game = parallel_env(protocol="joint", views={"history": 2})
     game.reset(seed=3)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
