@@ -3,9 +3,7 @@
 import re
 import runpy
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,8 +14,6 @@ from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.replies import Reply, parse_reply
-
-Make = Callable[..., gym.Env[Any, Any]]
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "language_model_agent.py"
 
