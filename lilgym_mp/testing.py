@@ -35,10 +35,12 @@ from lilgym_mp.envs.observation import row_of
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import BatchedGames
 
-# Of actions: STOP, and any at all; the others are legal
+# Of actions: STOP, any at all, and one of the last legal ones, which are REMOVEs; the others are legal
 STOP_SHARE = 0.1
 ANY_SHARE = 0.1
-SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode"}  # entries that SB3 adds
+LAST_SHARE = 0.2
+LAST = 9  # actions
+SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode", "agent"}  # entries that VecEnvs add
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
 
 SingleEnv = gym.Env[Any, Any]
@@ -55,6 +57,7 @@ class Event(NamedTuple):
     action: Any = None
     mask: Any = None  # before the action
     goal: Any = None  # whether STOP would succeed, before the action
+    state: Any = None  # before the action
 
     @property
     def ends(self) -> bool:
@@ -121,6 +124,12 @@ def check_sb3_env(make: Callable[[], Any], make_single: Callable[[], SingleEnv],
     list(_check_player(lambda: _SB3(make()), steps, exact_masks=False))
 
 
+def check_sb3_games(make: Callable[[], Any], make_single: Callable[[], SingleEnv], *, steps: int = 40) -> None:
+    """Checks Stable-Baselines3's VecEnvs of one seat of the game against `SingleAgentView`s."""
+    count = make().num_envs
+    _check_same_play(lambda: _SB3Seats(make()), lambda: _Seats([make_single() for _ in range(count)]), steps)
+
+
 def _as_in_sb3(event: Event) -> Event:
     return event._replace(reward=np.float32(event.reward), truncated=event.truncated and not event.terminated)
 
@@ -175,6 +184,7 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
     for _ in range(steps):
         masks = [copy.copy(mask) for mask in player.masks()]
         goals = player.goals()
+        states = player.states()
         waiting = [history[-1].ends for history in histories]  # NEXT_STEP: for a reset, which ignores the action
         actions = [
             history[-1].action if waits else _choose(player.action_space, mask, generator)
@@ -182,7 +192,9 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
         ]
         for env_id, events in enumerate(player.step(actions, waiting)):
             if not waiting[env_id]:
-                events[0] = events[0]._replace(action=actions[env_id], mask=masks[env_id], goal=goals[env_id])
+                events[0] = events[0]._replace(
+                    action=actions[env_id], mask=masks[env_id], goal=goals[env_id], state=states[env_id]
+                )
             histories[env_id] += events
             copies[env_id] += [copy.deepcopy(event.observation) for event in events]
     for history, observations in zip(histories, copies, strict=True):
@@ -200,7 +212,12 @@ def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
     kind = generator.random()
     if kind < STOP_SHARE:
         return 0
-    return int(generator.integers(space.n) if kind < STOP_SHARE + ANY_SHARE else generator.choice(np.flatnonzero(mask)))
+    if kind < STOP_SHARE + ANY_SHARE:
+        return int(generator.integers(space.n))
+    legal = np.flatnonzero(mask)
+    if kind < STOP_SHARE + ANY_SHARE + LAST_SHARE:
+        legal = legal[-LAST:]
+    return int(generator.choice(legal))
 
 
 class _Player:
@@ -218,7 +235,11 @@ class _Player:
     def reset(self, seed: int | None) -> list[Event]: ...
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]: ...
     def masks(self) -> Sequence[Any]: ...
-    def goals(self) -> Sequence[Any]: ...
+
+    def goals(self) -> Sequence[Any]:
+        return [None] * self.count
+
+    states = goals
 
     def close(self) -> None:
         self.env.close()
@@ -272,6 +293,9 @@ class _Singles(_Player):
     def goals(self) -> Sequence[Any]:
         return [attribute(env, "goal_reached")() for env in self.envs]
 
+    def states(self) -> Sequence[Any]:
+        return [attribute(env, "state") for env in self.envs]
+
     def close(self) -> None:
         for env in self.envs:
             env.close()
@@ -320,6 +344,9 @@ class _Vector(_Player):
     def goals(self) -> Sequence[Any]:
         return attribute(self.env, "goal_reached")()
 
+    def states(self) -> Sequence[Any]:
+        return attribute(self.env, "states")()
+
 
 class _SB3(_Player):
     """A VecEnv of Stable-Baselines3."""
@@ -358,6 +385,27 @@ class _SB3(_Player):
     def goals(self) -> Sequence[Any]:
         return self.env.env_method("goal_reached")
 
+    def states(self) -> Sequence[Any]:
+        return self.env.get_attr("state")
+
+
+class _Seats(_Singles):
+    """Single-agent views of the game."""
+
+    def __init__(self, envs: list[Any]) -> None:
+        super().__init__(envs, _as_in_sb3)
+
+    goals = states = _Player.goals
+
+
+class _SB3Seats(_SB3):
+    """A VecEnv of one seat of the game."""
+
+    def _start(self, observations: Any, env_id: int) -> Event:
+        return Event(row_of(observations, env_id), None)
+
+    goals = states = _Player.goals
+
 
 class _GamePlayer(_Player):
     """Games; actions, masks, rewards and infos are by agent."""
@@ -367,25 +415,24 @@ class _GamePlayer(_Player):
     def masks(self) -> Sequence[Any]:
         return [{agent: event.observation[agent]["action_mask"] for agent in self.action_space} for event in self.last]
 
-    def goals(self) -> Sequence[Any]:
-        return [None] * self.count
-
     def check(self, event: Event, *, exact_masks: bool) -> None:
+        proposer, *_ = self.observation_space
         for agent, space in self.observation_space.items():
             _require(event.observation[agent] in space, f"an observation of {agent} is not in its space")
             if event.action is None or event.info is None:
                 continue
             action = event.action[agent]
             info = event.info[agent]
-            is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
-            _require(
-                not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
-            )
+            is_edit = agent == proposer and event.mask[agent].sum() > 1  # otherwise it waits
+            is_wrong = "illegal_choice" in info or (is_edit and info.get("outcome") == "invalid_action")
+            _require(not (event.mask[agent][action] and is_wrong), f"the mask allows {agent} {action}, but: {info}")
             _require(event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
 
 
 class _ParallelGames(_GamePlayer, _Singles):
     """Parallel environments of PettingZoo."""
+
+    goals = states = _Player.goals
 
     def __init__(self, envs: list[Any]) -> None:
         self.envs, self.count, self.agents = envs, len(envs), envs[0].possible_agents

@@ -1,7 +1,5 @@
 """Fixtures for the official data and golden recordings, and a summary of which tests used them."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal
@@ -28,18 +26,18 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
 
 
 @pytest.fixture(scope="session")
-def official_data() -> Path:
+def official_data():
     """The directory of released JSON files; skips if LILGYM_DATA is unset."""
     return _directory_or_skip("official_data")
 
 
 @pytest.fixture(scope="session")
-def golden() -> Path:
+def golden():
     """The directory of golden recordings; skips if LILGYM_GOLDEN is unset."""
     return _directory_or_skip("golden")
 
 
-def _directory_or_skip(fixture: str) -> Path:
+def _directory_or_skip(fixture):
     variable, contents = SOURCES[fixture]
     directory = os.environ.get(variable)
     if not directory:
@@ -47,7 +45,7 @@ def _directory_or_skip(fixture: str) -> Path:
     return Path(directory)
 
 
-def pytest_configure() -> None:
+def pytest_configure():
     # Under `nohup ... &` SIGINT is ignored, and commands under test would inherit that.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -59,18 +57,18 @@ def pytest_configure() -> None:
             )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Records in each test's properties, and so in its reports, the sources it uses."""
     for item in items:
         used = SOURCES.keys() & set(getattr(item, "fixturenames", ()))
         item.user_properties.extend(("source", fixture) for fixture in sorted(used))
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     gc.freeze()  # modules and tests stay to the end, so garbage collection need not visit them
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+def pytest_terminal_summary(terminalreporter):
     stats = terminalreporter.stats
     ran = Counter(source for outcome in RAN for report in stats.get(outcome, []) for source in _sources(report))
     skipped = Counter(source for report in stats.get("skipped", []) for source in _sources(report))
@@ -80,9 +78,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"{ran[fixture]} ran with {contents}, {skipped[fixture]} skipped{reason}")
 
 
-def _sources(report: object) -> set[str]:
+def _sources(report):
     """The sources that a test used or was skipped for, whichever code skipped it."""
-    properties: list[tuple[str, object]] = getattr(report, "user_properties", [])
+    properties = getattr(report, "user_properties", [])
     used = {str(value) for name, value in properties if name == "source"}
     reason = str(getattr(report, "longrepr", "")) if getattr(report, "skipped", False) else ""
     return used | {fixture for fixture, (variable, _) in SOURCES.items() if variable in reason}

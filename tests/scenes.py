@@ -32,6 +32,30 @@ def tower(*colours: Colour) -> list[Item]:
     return [square(40, 80 - 21 * level, colour=colour) for level, colour in enumerate(colours)]
 
 
+NAMES = {member.name.lower(): member for kind in (Shape, Colour, Size) for member in kind}
+LETTERS = {"y": Y, "k": K, "b": B}
+
+
+def items_of(text: str) -> list[Item]:
+    """Items such as "circle 0,70; square 40,80 large blue": medium and yellow unless said otherwise. "tower ykb" are
+    blocks, bottom first: yellow, black and blue."""
+    found: list[Item] = []
+    for each in filter(None, map(str.strip, text.split(";"))):
+        shape, where, *words = each.split()
+        if shape == "tower":
+            found += tower(*map(LETTERS.__getitem__, where))
+            continue
+        x, y = map(int, where.split(","))
+        said = {type(NAMES[word]): NAMES[word] for word in words}
+        found.append(Item(x, y, NAMES[shape], said.get(Colour, Y), said.get(Size, MEDIUM)))
+    return found
+
+
+def scene_of(text: str) -> Scene:
+    """Boxes of `items_of`, separated by "|"; those to the right may be left out."""
+    return scene(*map(items_of, text.split("|")))
+
+
 def scene(left: Sequence[Item] = (), middle: Sequence[Item] = (), right: Sequence[Item] = ()) -> Scene:
     return Scene.of(left, middle, right)
 

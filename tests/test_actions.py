@@ -1,18 +1,15 @@
 """Actions: indices, the released array form, and invalid values."""
 
-from __future__ import annotations
-
 import random
-from collections.abc import Iterable
-from typing import Any
+from itertools import product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
-from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
+from lilgym_mp.scene.actions import STOP, ActionError, AddBlock, AddItem, RemoveItem, describe, named
+from lilgym_mp.scene.appearances import Scatter, Tower
 
 TOWER = Tower()
 SCATTER = Scatter()
@@ -20,7 +17,7 @@ PIXELS = Scatter((380, 100))
 GRIDS = [(19, 5), (19, 1), (95, 4), (380, 100)]
 
 
-def all_or_sampled(appearance: Appearance) -> Iterable[int]:
+def all_or_sampled(appearance):
     """The indices of all actions, or the first and last of each type and 3,000 random ones."""
     count = appearance.action_count
     if count < 10_000:
@@ -31,7 +28,7 @@ def all_or_sampled(appearance: Appearance) -> Iterable[int]:
 
 
 @pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
-def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance: Appearance):
+def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance):
     for index in all_or_sampled(appearance):
         action = appearance.decode(index)
         assert appearance.encode(action) == index
@@ -39,59 +36,54 @@ def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearan
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(grid: tuple[int, int]):
+def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(grid):
     columns, rows = grid
     scatter = Scatter(grid)
-    cells = [(0, 0), (0, rows - 1), (1, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)]
     assert scatter.decode(0) == STOP
-    for x, y in cells:
-        assert scatter.decode(1 + columns * rows * 27 + x * rows + y) == RemoveItem(x, y)
-        for shape in Shape:
-            for colour in Colour:
-                for size in Size:
-                    index = 1 + ((x * rows + y) * 27 + shape * 9 + colour * 3 + size)
-                    assert scatter.decode(index) == AddItem(x, y, shape, colour, size)
+    for x, y in ((0, 0), (1, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)):
+        cell = x * rows + y
+        assert scatter.decode(1 + columns * rows * 27 + cell) == RemoveItem(x, y)
+        for index, kind in enumerate(product(Shape, Colour, Size), 1 + cell * 27):
+            assert scatter.decode(index) == AddItem(x, y, *kind)
 
 
 @pytest.mark.parametrize(
     ("appearance", "values", "action"),
     [
-        (TOWER, [0, -1, -1], STOP),
-        (TOWER, [1, 2, 0], AddBlock(2, Colour.YELLOW)),
-        (TOWER, [2, 1, -1], RemoveBlock(1)),
-        (SCATTER, [0, -1, -1, -1, -1, -1], STOP),
-        (SCATTER, [1, 18, 4, 2, 1, 0], AddItem(18, 4, Shape.TRIANGLE, Colour.BLACK, Size.SMALL)),
-        (SCATTER, [2, 7, 0, -1, -1, -1], RemoveItem(7, 0)),
-        (PIXELS, [2, 379, 99, -1, -1, -1], RemoveItem(379, 99)),
+        (TOWER, "0 -1 -1", "STOP"),
+        (TOWER, "1 2 0", "ADD(RIGHT, YELLOW)"),
+        (TOWER, "2 1 -1", "REMOVE(MIDDLE)"),
+        (SCATTER, "0 -1 -1 -1 -1 -1", "STOP"),
+        (SCATTER, "1 18 4 2 1 0", "ADD(18, 4, TRIANGLE, BLACK, SMALL)"),
+        (SCATTER, "2 7 0 -1 -1 -1", "REMOVE(7, 0)"),
+        (PIXELS, "2 379 99 -1 -1 -1", "REMOVE(379, 99)"),
     ],
 )
-def test_array_form__is_converted_both_ways(appearance: Appearance, values: list[int], action: Action):
-    assert appearance.from_array(values) == action
-    assert appearance.to_array(action) == values
+def test_array_form__is_converted_both_ways(appearance, values, action):
+    array = [*map(int, values.split())]
+    assert describe(appearance.from_array(array)) == action
+    assert appearance.to_array(named(action)) == array
 
 
 @pytest.mark.parametrize(
     ("appearance", "values", "message"),
     [
-        (TOWER, [1, 0], r"an action array must be 3 whole numbers \[type, box, colour\], not \[1, 0\]"),
-        (SCATTER, [1.0, 0, 0, 0, 0, 0], r"must be 6 whole numbers \[type, x, y, shape, colour, size\], not \[1\.0, 0"),
-        (TOWER, [True, False, False], r"must be 3 whole numbers"),
-        (TOWER, [3, 0, 0], r"type 3 of the action is out of range; choose from 0 \.\. 2"),
-        (TOWER, [1, 0, -1], r"colour -1 of the action is out of range"),
-        (SCATTER, [1, 19, 0, 0, 0, 0], r"x 19 of the action is out of range; choose from 0 \.\. 18"),
-        (SCATTER, [2, 0, 5, 0, 0, 0], r"y 5 of the action is out of range; choose from 0 \.\. 4"),
-        (SCATTER, [1, 0, 0, 3, 0, 0], r"shape 3 of the action is out of range"),
+        (TOWER, [1, 0], r"3 whole numbers \[type, box, colour\], not \[1, 0\]"),
+        (TOWER, [1.0, 0, 0], r"3 whole numbers .*, not \[1\.0, 0"),
+        (TOWER, [True, False, False], "3 whole numbers"),
+        (TOWER, [3, 0, 0], r"type 3 .*; choose from 0 \.\. 2"),
+        (TOWER, [1, 0, -1], "colour -1 "),
+        (SCATTER, [1, 19, 0, 0, 0, 0], r"x 19 .*; choose from 0 \.\. 18"),
+        (SCATTER, [2, 0, 5, 0, 0, 0], r"y 5 .*; choose from 0 \.\. 4"),
     ],
 )
-def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(
-    appearance: Appearance, values: Any, message: str
-):
+def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(appearance, values, message):
     with pytest.raises(ActionError, match=message):
         appearance.from_array(values)
 
 
 @given(st.lists(st.integers(-3, 20) | st.floats() | st.none() | st.text(max_size=2), max_size=8))
-def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[Any]):
+def test_array_form__any_list_is_an_action_or_raises_action_error(values):
     for appearance in (TOWER, SCATTER):
         try:
             action = appearance.from_array(values)
@@ -110,20 +102,6 @@ def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[A
         (SCATTER, RemoveItem(19, 0)),
     ],
 )
-def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearance, action: Any):
+def test_encode__an_action_of_another_appearance_is_refused(appearance, action):
     with pytest.raises(ActionError):
         appearance.encode(action)
-
-
-@pytest.mark.parametrize(
-    ("action", "words"),
-    [
-        (STOP, "STOP"),
-        (AddBlock(0, Colour.BLUE), "ADD(LEFT, BLUE)"),
-        (RemoveBlock(1), "REMOVE(MIDDLE)"),
-        (AddItem(18, 4, Shape.CIRCLE, Colour.BLACK, Size.LARGE), "ADD(18, 4, CIRCLE, BLACK, LARGE)"),
-        (RemoveItem(3, 4), "REMOVE(3, 4)"),
-    ],
-)
-def test_describe__names_the_action(action: Action, words: str):
-    assert describe(action) == words

@@ -1,7 +1,5 @@
 """The code in the documents runs and prints the output they show; their links and pictures are right."""
 
-from __future__ import annotations
-
 import doctest
 import io
 import re
@@ -41,7 +39,7 @@ NEEDS = {  # optional modules
     ],
     ids=lambda path: path.stem,
 )
-def test_pages__print_the_output_they_show(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pages__print_the_output_they_show(path, tmp_path, monkeypatch):
     for module in NEEDS.get(path.name, ()):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
@@ -50,13 +48,13 @@ def test_pages__print_the_output_they_show(path: Path, tmp_path: Path, monkeypat
     assert run_document(path) == []
 
 
-def test_pages__need_not_show_that_something_takes_long_to_load(tmp_path: Path) -> None:
+def test_pages__need_not_show_that_something_takes_long_to_load(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("```python\nprint('loading corpus builtin ...')\nprint(1)\n```\n\n```text\n1\n```\n")
     assert run_document(page) == []
 
 
-def test_solver__has_correct_doctests() -> None:
+def test_solver__has_correct_doctests():
     for failures, tried in (doctest.testfile(str(ROOT / "docs" / "solver.md"), False), doctest.testmod(expert)):
         assert (failures, tried > 3) == (0, True)
 
@@ -70,7 +68,7 @@ README_SHORTER = {  # long-running parts of README's commands, and their replace
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
-def test_readme__commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readme__commands_run(tmp_path, monkeypatch):
     for module in ("torch", "matplotlib", "jinja2"):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
@@ -90,7 +88,7 @@ RUN_ELSEWHERE = ("extending", "programs")  # by the tests of what they describe
 NOT_RUN = "<!-- not run -->"
 
 
-def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
+def test_code_blocks__are_run_by_a_test_or_marked_as_not_run():
     run = {*RUN_ELSEWHERE, *(Path(name).stem for name in (*PAGES, *LONG_PAGES))}
     unmarked = [
         f"{path.relative_to(ROOT)}:{text[: block.start()].count(chr(10)) + 1}"
@@ -103,7 +101,7 @@ def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
     assert unmarked == [], f"run the code of these documents in PAGES, or precede it by {NOT_RUN}"
 
 
-def test_commands__are_accepted_by_the_parser() -> None:
+def test_commands__are_accepted_by_the_parser():
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
     text = "\n".join(page.read_text() for page in pages).replace("\\\n", "")
     found = re.findall(r"^ *(?:\$ )?lilgym-mp ([a-z-]+ .*)", text, re.MULTILINE)
@@ -116,7 +114,7 @@ def test_commands__are_accepted_by_the_parser() -> None:
             parse_args(words)
 
 
-def test_addresses__have_parameters_that_their_page_reads() -> None:
+def test_addresses__have_parameters_that_their_page_reads():
     pages = "".join(path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
     addresses = re.findall(r"`/(\w+)\?([^`]+)`", pages)
     assert addresses
@@ -130,7 +128,7 @@ def test_addresses__have_parameters_that_their_page_reads() -> None:
     assert unread == []
 
 
-def test_links_between_documents__have_existing_targets() -> None:
+def test_links_between_documents__have_existing_targets():
     broken = [
         f"{path.name}: {target}"
         for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
@@ -140,14 +138,14 @@ def test_links_between_documents__have_existing_targets() -> None:
     assert not broken
 
 
-def test_tests_named_in_the_fidelity_table__exist() -> None:
+def test_tests_named_in_the_fidelity_table__exist():
     named = re.findall(r"`(test_[a-z_]+__[a-z_]+[a-z])`", (ROOT / "docs/fidelity.md").read_text())
     sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert named
     assert [name for name in named if f"def {name}(" not in sources] == []
 
 
-def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command() -> None:
+def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command():
     pytest.importorskip("pettingzoo")
     drawing = load_script("draw_pictures")
     folder = ROOT / "docs" / "pictures"
@@ -163,9 +161,7 @@ def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command() -
 
 
 @pytest.mark.long
-def test_pictures_drawn_from_code_and_tables__are_the_saved_ones(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_drawn_from_code_and_tables__are_the_saved_ones(tmp_path, monkeypatch):
     for needed in ("torch", "matplotlib"):
         pytest.importorskip(needed)
     drawing = load_script("draw_pictures")
@@ -178,7 +174,7 @@ def test_pictures_drawn_from_code_and_tables__are_the_saved_ones(
     assert {"agent.gif", "episode.png", "logo.svg", "results-ppo-curves.png"} <= {path.name for path in drawn}
 
 
-def _pixels(path: Path) -> object:
+def _pixels(path):
     """The frames of a picture, or the text of a drawing."""
     if path.suffix == ".svg":
         return path.read_text()

@@ -1,18 +1,15 @@
 """The code in docs/extending.md does what the recipes say, in the files that they name."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from textwrap import dedent
 from types import SimpleNamespace
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -62,8 +59,29 @@ with server(Path("."), corpus="lamps.jsonl") as app:
 """
 
 
+# Runs each command in a fork of its own: this process has imported the libraries that take longest, but no extension.
+FORKS = """
+import os, sys
+import gymnasium, numba, numpy, rich.console
+
+for number, command in enumerate(sys.argv[1:]):
+    if child := os.fork():
+        os.waitpid(child, 0)
+        continue
+    said = os.open(f"said-{number}.txt", os.O_CREAT | os.O_TRUNC | os.O_WRONLY)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    os.dup2(os.open("asked.txt", os.O_RDONLY), 0)
+    if command.startswith("import "):
+        exec(command)
+        sys.exit()
+    from lilgym_mp.cli import main
+    sys.exit(main(command.split()))
+"""
+
+
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(tmp_path_factory):
     """A directory with an installed package that nobody imports, its corpus and recorded episodes to come."""
     path = tmp_path_factory.mktemp("installed")
     package = path / "lamp_world"
@@ -85,14 +103,17 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (path / "lamps.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     (path / "use.py").write_text(USE)
     (path / "web.py").write_text(WEB)
+    (path / "first.py").write_text(FORKS)
+    (path / "asked.txt").write_text("hint\nadd left yellow\n")  # by a player
     return path
 
 
-def run_in(installed: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """What a new process of Python does in which the package is installed; a player would ask for a hint."""
+def run_in(installed, *arguments):
+    """What a new process of Python does in which the package is installed."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(installed)))}
-    options: Any = {"capture_output": True, "text": True, "cwd": installed, "env": environment, "check": False}
-    return subprocess.run([sys.executable, *arguments], input="hint\nadd left yellow\n", **options)
+    return subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, cwd=installed, env=environment, check=False
+    )
 
 
 NO_EXPERT = "appearance 'lamps' has no expert; those that have one: scatter, tower"
@@ -102,65 +123,86 @@ NO_RECIPE = "appearance 'lamps' has no recipe for this learner; those that have 
 NO_SAMPLER = "appearance 'lamps' has no sampler of scenes; those that have one: scatter, tower"
 LAMPS_TRAIN = "LampsScratch --corpus lamps.jsonl --split train"
 NEW_RUN = "--corpus lamps.jsonl --held-out 0 --out run"
-long = pytest.mark.long
-FIRST_COMMANDS = [
-    pytest.param(f"evaluate --policy random-legal --configuration {LAMPS_TRAIN} --record played", "random-legal"),
-    pytest.param(f"evaluate --policy expert --configuration {LAMPS_TRAIN}", NO_EXPERT, marks=long),
-    pytest.param("evaluate --protocol poker", "claims", marks=long),
-    pytest.param(f"train ppo LampsScratch {NEW_RUN}", NO_HEADS, marks=long),
-    pytest.param(f"train game LampsScratch --protocol claims {NEW_RUN}", NO_HEADS, marks=long),
-    pytest.param(f"train imitation LampsScratch {NEW_RUN}", NO_RECIPE, marks=long),
-    pytest.param(f"train reward-model LampsScratch {NEW_RUN}", NO_RECIPE, marks=long),
-    pytest.param(f"play {LAMPS_TRAIN}", f"{NO_EXPERT}\n> add left yellow"),
-    pytest.param(f"play {LAMPS_TRAIN} --protocol claims", "ADD(MIDDLE, YELLOW)"),
-    pytest.param("explain --configuration LampsScratch --program is_high(all_items)", "is_high", marks=long),
-    pytest.param("explain --configuration LampsScratch --program exist(filter_obj(all_items,is_high))", NO_SAMPLER),
-    pytest.param("data generate 1 --appearances tower lamps --out new.jsonl", NO_STATEMENTS),
-    pytest.param("llm prompts --kind plan --appearance lamps --episodes 1 --out new.jsonl", NO_SAMPLER, marks=long),
-    pytest.param("data synthesize lamps.jsonl --out new.jsonl", NO_SAMPLER),
-    pytest.param(f"data collect {LAMPS_TRAIN} --quality random-legal --episodes 2 --out set.jsonl", "set.jsonl"),
-    pytest.param(f"data collect {LAMPS_TRAIN} --episodes 2 --out other.jsonl", NO_EXPERT, marks=long),
-    pytest.param("data check lamps.jsonl", "no faults"),
-    pytest.param("bench LampsScratch --corpus lamps.jsonl --quick --only single", "single", marks=long),
-    pytest.param(f"solve {LAMPS_TRAIN}", NO_EXPERT),
-]
+MAKE = "import gymnasium{}; gymnasium.make('{}lilgym_mp/LampsScratch-v0', corpus='lamps.jsonl')"
+FIRST = {  # and a part of what they say
+    MAKE.format(", lilgym_mp", ""): "",
+    MAKE.format("", "lilgym_mp:"): "",
+    f"evaluate --policy random-legal --configuration {LAMPS_TRAIN} --record played": "random-legal",
+    f"play {LAMPS_TRAIN}": f"{NO_EXPERT}\n> add left yellow",
+    f"play {LAMPS_TRAIN} --protocol claims": "ADD(MIDDLE, YELLOW)",
+    "explain --configuration LampsScratch --program exist(filter_obj(all_items,is_high))": NO_SAMPLER,
+    "explain --configuration LampsScratch --program is_high(all_items)": "is_high",
+    "data generate 1 --appearances tower lamps --out new.jsonl": NO_STATEMENTS,
+    "data synthesize lamps.jsonl --out new.jsonl": NO_SAMPLER,
+    f"data collect {LAMPS_TRAIN} --quality random-legal --episodes 2 --out set.jsonl": "set.jsonl",
+    "data check lamps.jsonl": "no faults",
+    f"solve {LAMPS_TRAIN}": NO_EXPERT,
+}
+LONG_FIRST = {
+    f"evaluate --policy expert --configuration {LAMPS_TRAIN}": NO_EXPERT,
+    "evaluate --protocol poker": "claims",
+    f"train ppo LampsScratch {NEW_RUN}": NO_HEADS,
+    f"train game LampsScratch --protocol claims {NEW_RUN}": NO_HEADS,
+    f"train imitation LampsScratch {NEW_RUN}": NO_RECIPE,
+    f"train reward-model LampsScratch {NEW_RUN}": NO_RECIPE,
+    "llm prompts --kind plan --appearance lamps --episodes 1 --out new.jsonl": NO_SAMPLER,
+    f"data collect {LAMPS_TRAIN} --episodes 2 --out other.jsonl": NO_EXPERT,
+    "bench LampsScratch --corpus lamps.jsonl --quick --only single": "single",
+}
 
 
-@pytest.mark.parametrize(("command", "expected"), FIRST_COMMANDS)
-def test_first_command__knows_what_an_installed_package_adds(installed: Path, command: str, expected: str) -> None:
+def said_by(installed, commands):
+    """What commands say, each as the first of its process."""
+    run_in(installed, "first.py", *commands)
+    return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(commands)}
+
+
+@pytest.fixture(scope="module")
+def said(installed):
+    return said_by(installed, FIRST)
+
+
+@pytest.fixture(scope="module")
+def said_at_length(installed):
+    return said_by(installed, LONG_FIRST)
+
+
+def check_said(command, said, expected):
     for word, module in (("train", "torch"), ("--protocol", "pettingzoo")):
         if word in command.split():
             pytest.importorskip(module, reason=f"{module} is not installed")
-    done = run_in(installed, "-m", "lilgym_mp", *command.split())
-    assert expected in done.stdout + done.stderr
-    assert "Traceback" not in done.stderr
+    assert expected in said
+    assert "Traceback" not in said
     if expected in (NO_HEADS, NO_STATEMENTS, NO_RECIPE):
-        assert len(done.stderr.splitlines()) == 1
+        assert len(said.splitlines()) == 1
 
 
-MAKE = "import gymnasium{}; gymnasium.make('{}lilgym_mp/LampsScratch-v0', corpus='lamps.jsonl')"
+@pytest.mark.parametrize("command", FIRST)
+def test_first_command__knows_what_an_installed_package_adds(said, command):
+    check_said(command, said[command], FIRST[command])
 
 
-@pytest.mark.parametrize("code", [MAKE.format(", lilgym_mp", ""), MAKE.format("", "lilgym_mp:")])
-def test_first_make__knows_what_an_installed_package_adds(installed: Path, code: str) -> None:
-    assert run_in(installed, "-c", code).stderr == ""
+@pytest.mark.long
+@pytest.mark.parametrize("command", LONG_FIRST)
+def test_first_long_command__knows_what_an_installed_package_adds(said_at_length, command):
+    check_said(command, said_at_length[command], LONG_FIRST[command])
 
 
-def test_recipes__work_in_batches_workers_and_games(installed: Path) -> None:
+def test_recipes__work_in_batches_workers_and_games(installed):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     done = run_in(installed, "use.py", "lamps.jsonl")
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
 
 
 @pytest.mark.long
-def test_browser__plays_an_appearance_of_an_installed_package(installed: Path) -> None:
+def test_browser__plays_an_appearance_of_an_installed_package(installed):
     pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
     done = run_in(installed, "web.py")
     assert done.stdout.splitlines()[-1:] == ["201 Exactly two of the lamps shine."], done.stderr
 
 
 @pytest.mark.long
-def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed: Path) -> None:
+def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed):
     pytest.importorskip("matplotlib", reason="reports need the extra `report`")
     policy = ("--policy", "random-legal", "--record", "recorded")
     run_in(installed, "-m", "lilgym_mp", "evaluate", *policy, "--configuration", *LAMPS_TRAIN.split())
@@ -168,34 +210,33 @@ def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(insta
     assert "LampsScratch" in (installed / "page" / "index.html").read_text()
 
 
-def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    loaded: list[str] = []
+def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch):
+    loaded = []
     broken = EntryPoint("broken", "no_such_module", choices.EXTENSIONS)
     monkeypatch.setattr(choices, "_PENDING", iter([broken, SimpleNamespace(load=lambda: loaded.append("good"))]))
-    with pytest.warns(UserWarning, match="the extension 'broken' cannot be imported: .*no_such_module"):
+    with pytest.warns(UserWarning, match="'broken' .*no_such_module"):
         choices.load_extensions()
     assert loaded == ["good"]
 
 
-def test_extension__that_exits_is_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_extension__that_exits_is_one_warning(monkeypatch):
     monkeypatch.setattr(choices, "_PENDING", iter([SimpleNamespace(name="rude", load=lambda: sys.exit(3))]))
-    with pytest.warns(UserWarning, match="the extension 'rude' cannot be imported: SystemExit"):
+    with pytest.warns(UserWarning, match="'rude' cannot be imported: SystemExit"):
         choices.load_extensions()
 
 
-def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
-    taken: list[tuple[Callable[..., object], tuple[Any, ...], str]] = [
-        (register_appearance, ("tower", "module:function"), "appearance 'tower' is already registered"),
-        (protocols.register_protocol, (protocols.PROTOCOLS["veto"],), "protocol 'veto' is already registered"),
-        (register_reward_term, ("hidden", float), "reward 'hidden' is already registered"),
-    ]
-    for register, arguments, message in taken:
+def test_registrations__of_a_name_that_is_taken_are_refused():
+    for register, message in (
+        (partial(register_appearance, "tower", "module:function"), "appearance 'tower' is already registered"),
+        (partial(protocols.register_protocol, protocols.PROTOCOLS["veto"]), "protocol 'veto' is already registered"),
+        (partial(register_reward_term, "hidden", float), "reward 'hidden' is already registered"),
+    ):
         with pytest.raises(ValueError, match=message):
-            register(*arguments)
+            register()
 
 
-def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -> None:
-    names: dict[str, Any] = {}
+def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch():
+    names = {}
     exec(WRAPPER, names)
     item_count_v0 = factory(names["ItemCount"])
     env = item_count_v0(gym.make("lilgym_mp/TowerFlipIt-v0"))
@@ -207,7 +248,7 @@ def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -
     assert np.shape(batch.reset(seed=0)[0]["items"]) == (3,)
 
 
-def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     from lilgym_mp.envs.proposer_verifier import parallel_env
 
@@ -222,7 +263,7 @@ def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyP
     assert game.engine.state.mdp.steps == 1
 
 
-def test_recipes__name_existing_files() -> None:
+def test_recipes__name_existing_files():
     new = ("item_count.py", "appearances/lamps.py", "learning/sarsa", "own_statements")
     named = re.findall(r"`((?:lilgym_mp|wrappers|tests|docs|scripts)/[\w/.*]+)`", TEXT)
     missing = [name for name in named if not any(part in name for part in new) and not list(ROOT.glob(name))]
@@ -230,9 +271,9 @@ def test_recipes__name_existing_files() -> None:
     assert missing == []
 
 
-def test_recipe_of_rewards__punishes_accepted_false_claims() -> None:
+def test_recipe_of_rewards__punishes_accepted_false_claims():
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
-    names: dict[str, Any] = {}
+    names = {}
     exec(REWARDS, names)
     game = names["game"]
     game.reset(seed=0)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import gzip
+import importlib
 import importlib.util
 import inspect
 import json
@@ -15,6 +15,7 @@ import sys
 import tarfile
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import Enum
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -52,14 +53,29 @@ for configuration in ("TowerFlipIt", "ScatterFlipIt"):
         _, reward, terminated, *_ = env.step(0)
         assert terminated and reward == (1 if goal else -1)
 """
-EVALUATE = """
-import sys
-from lilgym_mp.programs import Program
-from lilgym_mp.scene import Scene
-program = Program("exist(all_items)")
-for is_loaded in (False, False, True, True):
-    assert not program(Scene.of((), (), ()))
-    assert ("lilgym_mp.envs.fast.code_generation" in sys.modules) == is_loaded
+PARTS = (
+    "envs.workers.WorkerVectorEnv",
+    "envs.proposer_verifier.partners.SCRIPTED",
+    "programs.canonical",
+    "scene.render.canvas",
+    "corpus.generator.writer",
+    "learning.common.agents",
+    "contrib.rlvr.checked_scenes",
+    "wrappers.replies",
+)
+FRESH = f"""
+import json, operator, sys
+from importlib.util import find_spec
+import lilgym_mp
+
+found = dict(loaded=[*sys.modules], type=type(lilgym_mp).__name__, generated=[])
+found["beside"] = [name for name in ("lilgym_mp", "tests", "examples") if find_spec("lilgym_mp." + name)]
+program = lilgym_mp.programs.Program("exist(all_items)")
+for _ in range(4):
+    assert not program(lilgym_mp.scene.Scene.of((), (), ()))
+    found["generated"].append("lilgym_mp.envs.fast.code_generation" in sys.modules)
+found["parts"] = len([operator.attrgetter(part)(lilgym_mp) for part in {PARTS}])
+print(json.dumps(found))
 """
 
 
@@ -149,20 +165,29 @@ def test_packaging__a_checkout_that_is_not_installed_says_how_to_install_it(tmp_
     assert "pip install -e ." in message
 
 
-def test_packaging__nothing_beside_the_package_is_imported_from_it():
-    program = """if True:
-        from importlib.util import find_spec
-        import lilgym_mp
-        print([name for name in ("lilgym_mp", "tests", "examples") if find_spec(f"lilgym_mp.{name}")])
-        print(type(lilgym_mp).__name__)
-        print(lilgym_mp.envs.workers.__name__, lilgym_mp.learning.common.agents.__name__)
-    """
-    done = _run(sys.executable, "-c", program)
-    assert done.stdout.splitlines() == [
-        "[]",
-        "module",
-        "lilgym_mp.envs.workers lilgym_mp.learning.common.agents",
-    ]
+@pytest.fixture(scope="module")
+def fresh() -> dict[str, Any]:
+    """What a new process finds that imports the package."""
+    done = _run(sys.executable, "-c", FRESH)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_packaging__nothing_beside_the_package_is_imported_from_it(fresh: dict[str, Any]):
+    assert fresh["beside"] == []
+    assert fresh["type"] == "module"
+
+
+def test_import__loads_nothing_heavy_or_seldom_used(fresh: dict[str, Any]):
+    assert not {*HEAVY, "lilgym_mp.corpus.generator", "lilgym_mp.corpus.spelling"} & {*fresh["loaded"]}
+
+
+def test_program__has_code_generated_only_once_it_is_evaluated_often(fresh: dict[str, Any]):
+    assert fresh["generated"] == [False, False, True, True]
+
+
+def test_parts__are_imported_on_first_use(fresh: dict[str, Any]):
+    assert fresh["parts"] == len(PARTS)
 
 
 def test_import__shows_what_users_use():
@@ -170,13 +195,6 @@ def test_import__shows_what_users_use():
     assert not {"Path", "TYPE_CHECKING", "annotations"} & set(dir(lilgym_mp))
     for name in dir(lilgym_mp):
         assert getattr(lilgym_mp, name) is not None
-
-
-def test_import__loads_nothing_heavy():
-    program = f"import sys, lilgym_mp; print(*sorted(sys.modules.keys() & set({HEAVY!r})))"
-    done = _run(sys.executable, "-c", program)
-    assert done.returncode == 0, done.stderr
-    assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
 
 
 def test_core__plays_without_numba_and_without_generated_code():
@@ -187,10 +205,6 @@ def test_core__plays_without_numba_and_without_generated_code():
 
 def test_core__plays_without_docstrings():
     _passes(sys.executable, "-OO", "-c", PLAY)
-
-
-def test_program__has_code_generated_only_once_it_is_evaluated_often():
-    _passes(sys.executable, "-c", EVALUATE)
 
 
 @pytest.mark.parametrize(
@@ -243,51 +257,29 @@ def test_modules__are_imported_by_computed_names_for_commands_alone():
     assert found == {"lilgym_mp/cli/options.py", "lilgym_mp/submodules.py"}
 
 
-def _public_definitions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, ast.FunctionDef | ast.ClassDef]]:
-    for node in body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-            yield prefix + node.name, node
-            if isinstance(node, ast.ClassDef):
-                yield from _public_definitions(node.body, f"{prefix}{node.name}.")
-
-
-def _has_the_docstring_of_a_base(module: str, name: str, protocols: list[set[str]]) -> bool:
-    """Whether a method overrides a documented one, or its class has all methods of a protocol with this one."""
-    *owners, method = name.split(".")
-    owner: Any = importlib.import_module(module)
-    for each in owners:
-        owner = getattr(owner, each)
-    if any(method in methods and methods <= set(dir(owner)) for methods in protocols):
-        return True
-    return any(getattr(vars(base).get(method), "__doc__", None) for base in owner.__mro__)
+def _public_definitions(owner: Any, module: str) -> Iterator[tuple[str, Any]]:
+    """The classes, functions, methods and properties that a module or class defines, by qualified name."""
+    for name, member in vars(owner).items():
+        found = inspect.unwrap(getattr(member, "fget", None) or getattr(member, "__func__", member))
+        if not name.startswith("_") and getattr(found, "__module__", None) == module:
+            if inspect.isclass(found) or inspect.isfunction(found):
+                yield f"{module}.{found.__qualname__}", getattr(owner, name)
+            if inspect.isclass(found):
+                yield from _public_definitions(found, module)
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_code__documents_every_public_definition():
-    modules = {
-        f"{name}.{path.stem}".removesuffix(".__init__"): dict(_public_definitions(ast.parse(path.read_text()).body))
-        for name, directory in _package_directories().items()
-        for path in directory.glob("*.py")
-    }
-    nodes = [node for found in modules.values() for node in found.values()]
-    protocols = [
-        {method.name for method in node.body if isinstance(method, ast.FunctionDef) and ast.get_docstring(method)}
-        for node in nodes
-        if isinstance(node, ast.ClassDef) and "Protocol" in [ast.unparse(base).split("[")[0] for base in node.bases]
-    ]
-    undocumented: list[str] = []
-    for module, found in modules.items():
-        for name, node in found.items():
-            if ast.get_docstring(node):
-                continue
-            try:
-                inherited = "." in name and isinstance(node, ast.FunctionDef)
-                inherited = inherited and _has_the_docstring_of_a_base(module, name, protocols)
-            except ModuleNotFoundError:
-                continue  # an extra that is not installed
-            if not inherited:
-                undocumented.append(f"{module}.{name}")
-    assert not undocumented
+    definitions: list[tuple[str, Any]] = []
+    for name, directory in _package_directories().items():
+        for path in directory.glob("*.py"):
+            module = f"{name}.{path.stem}".removesuffix(".__init__")
+            with suppress(ModuleNotFoundError):  # an extra that is not installed
+                definitions += _public_definitions(importlib.import_module(module), module)
+    protocols = [found for _, found in definitions if getattr(found, "_is_protocol", False)]
+    inherited = {name for protocol in protocols for name, member in vars(protocol).items() if inspect.getdoc(member)}
+    undocumented = {name for name, found in definitions if not inspect.getdoc(found)}
+    assert [name for name in undocumented if name.rpartition(".")[2] not in inherited] == []
 
 
 API_NAMES = [

@@ -1,7 +1,5 @@
 """Each cell of the table of other libraries is a script that trains, evaluates, saves and loads."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re
@@ -38,7 +36,7 @@ CELLS = [
 @pytest.mark.parametrize(
     "cell", [cell if cell in QUICK else pytest.param(cell, marks=pytest.mark.long) for cell in CELLS]
 )
-def test_cell__trains_evaluates_saves_and_loads(cell: str, tmp_path: Path) -> None:
+def test_cell__trains_evaluates_saves_and_loads(cell, tmp_path):
     name, *words = cell.split()
     for module in NEEDS[name.partition("_")[0]]:
         if importlib.util.find_spec(module) is None:
@@ -56,7 +54,7 @@ def test_cell__trains_evaluates_saves_and_loads(cell: str, tmp_path: Path) -> No
     assert re.search(rf"^{words[0]}: .*saved and loaded$", done.stdout, re.MULTILINE), done.stdout
 
 
-def test_table__is_that_of_the_snippets() -> None:
+def test_table__is_that_of_the_snippets():
     page = SNIPPETS.PAGE.read_text()
     shown = page.partition(SNIPPETS.BEGIN)[2].partition(SNIPPETS.END)[0].strip()
     assert shown == SNIPPETS.table().strip(), "run scripts/write_integration_table.py"

@@ -1,34 +1,29 @@
 """The obvious first code with Gymnasium and Stable-Baselines3 works."""
 
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.corpus import TaskSet, words, write_corpus
+from lilgym_mp.corpus import words, write_corpus
 from lilgym_mp.corpus.extras import install
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
 
-@pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_arrays__equal_the_text_observations(id: str):
-    plain, arrays = gym.make(id), gym.make(id, observation="arrays")
-    (text, _), (array, _) = plain.reset(seed=3), arrays.reset(seed=3)
-    assert array in arrays.observation_space
+def test_arrays__equal_the_text_observations():
+    arrays = gym.make(SCATTER, observation="arrays")
+    (text, _), (array, _) = gym.make(SCATTER).reset(seed=3), arrays.reset(seed=3)
     assert (array["image"] == text["image"]).all()
     assert array["target"].tolist() == [text["target"]]
-    vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
-    assert tuple(vocabulary.decode(array["statement"])) == words(text["statement"])
+    assert tuple(arrays.unwrapped.vocabulary.decode(array["statement"])) == words(text["statement"])
 
 
 def test_ppo__learns_from_the_obvious_first_line():
@@ -48,45 +43,38 @@ def test_maskable_ppo__learns_multi_discrete_actions_with_masks_by_slots():
 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_masks_by_slots__allow_just_the_values_of_legal_actions(id: str):
+def test_masks_by_slots__allow_just_the_values_of_legal_actions(id):
     env = MultiDiscreteActions(gym.make(id), masks="slots")
     env.reset(seed=0)
-    base: Any = env.unwrapped
+    base = env.unwrapped
     arrays = np.array([base.decode_action(index) for index in np.flatnonzero(base.action_masks()).tolist()])
-    flags = np.split(env.action_masks(), np.cumsum(env.action_space.nvec)[:-1])  # pyright: ignore[reportAttributeAccessIssue]
+    flags = np.split(env.action_masks(), np.cumsum(env.action_space.nvec)[:-1])
     for slot, allowed in enumerate(flags):
         assert set(np.flatnonzero(allowed).tolist()) == set(arrays[:, slot].tolist()) - {-1}
 
 
 def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
     env = MultiDiscreteActions(StopForcing(gym.make(TOWER)), masks="slots")
-    base: Any = env.unwrapped
-    for seed in range(200):
-        env.reset(seed=seed)
-        legal = np.flatnonzero(base.action_masks())
-        env.step(base.decode_action(int(legal[-1])))
-        if base.goal_reached():
-            assert env.action_masks().tolist() == [True, False, False] + [True] * 6
-            return
-    pytest.fail("no goal was reached")
+    solved = Task("solved", "Nothing is there.", "count(all_items) == 0", True, Scene.empty())
+    env.reset(options={"task": solved})
+    assert env.action_masks().tolist() == [True, False, False] + [True] * 6
 
 
-def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
+def test_tasks__are_found_by_number_as_by_text(tmp_path):
     path = tmp_path / "own.jsonl"
     write_corpus(path, "own", "MIT", [BLUE | {"starts": [BLUE["starts"][1] | {"id": "1757"}]}])
     env = gym.make(TOWER, corpus=path)
-    tasks: TaskSet = env.unwrapped.tasks  # pyright: ignore[reportAttributeAccessIssue]
+    tasks = env.unwrapped.tasks
     assert tasks.by_id(1757) is tasks.by_id("1757") is tasks.by_id(np.int64(1757))
     assert env.reset(options={"task": 1757})[1]["task"] == "1757"
     envs = gym.make_vec(TOWER, num_envs=2, corpus=path)
     assert envs.reset(options={"task": 1757})[1]["task"].tolist() == ["1757", "1757"]
-    with pytest.raises(ValueError, match="no task 1758 in corpus"):
-        tasks.by_id(1758)
-    with pytest.raises(ValueError, match="no task True in corpus"):
-        tasks.by_id(True)
+    for unknown in (1758, True):
+        with pytest.raises(ValueError, match=f"no task {unknown} in corpus"):
+            tasks.by_id(unknown)
 
 
-def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatch: pytest.MonkeyPatch):
+def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatch):
     """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
     monkeypatch.setattr(gym.vector.VectorEnv, "__del__", lambda self: self.close(), raising=False)
     envs = gym.make_vec(TOWER, num_envs=2)
@@ -95,7 +83,7 @@ def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatc
     envs.reset(seed=0)
 
 
-def test_sb3__without_its_extra_names_it(monkeypatch: pytest.MonkeyPatch):
+def test_sb3__without_its_extra_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "lilgym_mp.sb3", raising=False)
     with pytest.raises(ModuleNotFoundError, match='pip install "stable-baselines3'):
@@ -166,7 +154,7 @@ NEEDED = {"SB3's SubprocVecEnv": "stable_baselines3", "Ray": "ray"}
 
 
 @pytest.mark.parametrize("use", USES)
-def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use: str, tmp_path: Path):
+def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use, tmp_path):
     pytest.importorskip(NEEDED.get(use, "gymnasium"), reason=f"needs the package {NEEDED.get(use)}")
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(use=USES[use].strip()))

@@ -1,7 +1,5 @@
 """README's accuracies are those of the pages that have them with their commands."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from statistics import fmean
@@ -25,7 +23,7 @@ SUMMARISED = {  # a row of README's table; the place, and the row, of the same a
 }
 
 
-def row(page: str, after: str, name: str) -> list[str]:
+def row(page, after, name):
     """The figures of a row of the first table after this text, without their deviations and intervals."""
     text = (ROOT / page).read_text(encoding="utf-8")
     line = next(line for line in text[text.index(after) :].splitlines() if line.startswith(f"| {name} |"))
@@ -34,7 +32,7 @@ def row(page: str, after: str, name: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", SUMMARISED)
-def test_readme__has_the_accuracies_of_the_pages(name: str):
+def test_readme__has_the_accuracies_of_the_pages(name):
     dev, on_test = SUMMARISED[name]
     shown = [cell.partition("/") for cell in row("README.md", "## Results", name)]
     if dev is not None:

@@ -1,14 +1,10 @@
-from __future__ import annotations
-
 import multiprocessing
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing import forkserver
-from pathlib import Path
-from typing import Any
+from unittest import mock
 
 import gymnasium as gym
 import numpy as np
@@ -24,11 +20,9 @@ pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked_policy
 from sb3_contrib.common.maskable.utils import get_action_masks
-from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
-    VecEnv,
     VecFrameStack,
     VecMonitor,
 )
@@ -61,10 +55,10 @@ pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded
 
 
 @pytest.fixture
-def made() -> Iterator[Any]:
-    envs: list[VecEnv] = []
+def made():
+    envs = []
 
-    def make(id: str, backend: str, **settings: Any) -> VecEnv:
+    def make(id, backend, **settings):
         if backend == "workers":
             settings = {"num_workers": 2, **settings}
         if backend == "subproc":
@@ -77,23 +71,22 @@ def made() -> Iterator[Any]:
         env.close()
 
 
-def test_masks__of_a_batch_cost_one_call(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_masks__of_a_batch_cost_one_call(made):
     env = made(SCATTER, "batched", monitor=False)
     env.reset()
-    calls: list[int] = []
-    masks = env.venv.action_masks
-    monkeypatch.setattr(env.venv, "action_masks", lambda: calls.append(1) or masks(), raising=False)
-    assert get_action_masks(env).shape == (COUNT, 2661)
-    assert len(calls) == 1
+    with mock.patch.object(env.venv, "action_masks", side_effect=env.venv.action_masks) as masks:
+        assert get_action_masks(env).shape == (COUNT, 2661)
+    masks.assert_called_once()
 
 
 ATTRIBUTES = ("steps", "state", "scene", "task", "tasks", "horizon", "dynamics", "render_mode", "spec")
 SPACES = ("action_space", "observation_space")
 
 
-@pytest.mark.parametrize("wrap", [None, vector_wrappers.NormalizeReward, stop_forcing_v0])
-@pytest.mark.parametrize("backend", ["batched", "workers"])
-def test_attributes__are_those_of_single_environments(made: Any, backend: str, wrap: Any) -> None:
+@pytest.mark.parametrize(
+    ("backend", "wrap"), [("batched", None), ("batched", vector_wrappers.NormalizeReward), ("workers", stop_forcing_v0)]
+)
+def test_attributes__are_those_of_single_environments(made, backend, wrap):
     ours, theirs = made(SCATTER, backend, seed=1, wrap=wrap), made(SCATTER, "dummy", seed=1)
     for env in (ours, theirs):
         env.reset()
@@ -101,22 +94,20 @@ def test_attributes__are_those_of_single_environments(made: Any, backend: str, w
     for name in (*ATTRIBUTES, *SPACES):
         for indices in (None, [1, 3], 2):
             values = ours.get_attr(name, indices)
-            assert type(values) is list
             expected = theirs.get_attr(name, indices)
             assert (values, list(map(type, values))) == (expected, list(map(type, expected)))
     assert ours.get_attr("np_random_seed", indices=2) == theirs.get_attr("np_random_seed", indices=2)
     for name, arguments in {"encode_action": ([0] * 6,), "decode_action": (7,), "evaluation_tasks": ()}.items():
         assert ours.env_method(name, *arguments) == theirs.env_method(name, *arguments)
-    assert list(ours.env_method("goal_reached", indices=[2, 0])) == theirs.env_method("goal_reached", indices=[2, 0])
-    masks = ours.env_method("action_masks", indices=[2])
-    assert np.array_equal(masks, [ours.get_attr("action_masks")[2]()])
+    for name in ("goal_reached", "action_masks"):
+        assert_same(list(ours.env_method(name, indices=[2, 0])), theirs.env_method(name, indices=[2, 0]))
     assert ours.has_attr("steps")
     assert not any(map(ours.has_attr, ("nothing", "num_envs", "np_random", "states")))
-    with pytest.raises(AttributeError, match=r"no method 'explode'; choose from action_masks, goal_reached, render"):
+    with pytest.raises(AttributeError, match="'explode'; choose from action_masks, goal_reached, render"):
         ours.env_method("explode")
 
 
-def test_attributes__of_wrappers_can_be_read_and_set(made: Any) -> None:
+def test_attributes__of_wrappers_can_be_read_and_set(made):
     wrap = lambda envs: vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(envs))  # noqa: E731
     env = made(TOWER, "batched", seed=0, wrap=wrap)
     env.reset()
@@ -125,14 +116,12 @@ def test_attributes__of_wrappers_can_be_read_and_set(made: Any) -> None:
     assert env.get_attr("episode_lengths", indices=[1]) == [1]
     env.set_attr("gamma", 0.5)
     assert env.get_attr("gamma") == [0.5] * COUNT
-    with pytest.raises(AttributeError, match="cannot set 'gamma' of some environments in a batch alone"):
-        env.set_attr("gamma", 0.9, indices=[0])
-    for name in ("copy", "steps", "tasks"):
-        with pytest.raises(AttributeError, match=f"cannot set '{name}' of environments in a batch; pass it when"):
-            env.set_attr(name, False)
+    for name, indices in (("gamma", [0]), ("copy", None), ("tasks", None)):
+        with pytest.raises(AttributeError, match=f"cannot set '{name}' of .* a batch"):
+            env.set_attr(name, False, indices)
 
 
-def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
+def test_wrapping__is_told_alike_by_all_backends(made):
     for backend in ("batched", "dummy"):
         env = made(TOWER, backend, wrap=stop_forcing_v0)
         assert env.env_is_wrapped(StopForcing) == [True] * COUNT
@@ -140,7 +129,7 @@ def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
 
 
 @pytest.mark.parametrize("mode", ["ansi", "rgb_array"])
-def test_render__works_in_every_mode(made: Any, mode: str) -> None:
+def test_render__works_in_every_mode(made, mode):
     ours, theirs = (made(TOWER, backend, seed=1, render_mode=mode) for backend in ("batched", "dummy"))
     for env in (ours, theirs):
         env.reset()
@@ -148,59 +137,46 @@ def test_render__works_in_every_mode(made: Any, mode: str) -> None:
     assert_same(list(ours.env_method("render")), theirs.env_method("render"))
 
 
+def darker(observations):
+    return {**observations, "image": observations["image"] // 2}
+
+
 VECTOR_WRAPPERS = {
     "rewards": vector_wrappers.NormalizeReward,
-    "statistics": vector_wrappers.RecordEpisodeStatistics,
     "own key": lambda envs: vector_wrappers.RecordEpisodeStatistics(action_mask_v0(envs), stats_key="mine"),
     "lists": vector_wrappers.DictInfoToList,
     "inside": lambda envs: stop_forcing_v0(vector_wrappers.RecordEpisodeStatistics(envs)),
+    "observations": lambda envs: vector_wrappers.TransformObservation(envs, darker),
 }
 
 
 @pytest.mark.parametrize(
     ("backend", "name"), [*(("batched", name) for name in VECTOR_WRAPPERS), ("workers", "own key")]
 )
-def test_gymnasiums_vector_wrappers__train_with_masks(made: Any, backend: str, name: str) -> None:
-    wrap = VECTOR_WRAPPERS[name]
-    env, plain = made(TOWER, backend, seed=0, wrap=wrap), made(TOWER, backend, seed=0)
-    model = MaskablePPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0, policy_kwargs=SMALL)
-    model.learn(total_timesteps=64)
-    env.seed(1)
-    plain.seed(1)
-    env.reset()
-    plain.reset()
+def test_gymnasiums_vector_wrappers__keep_masks_and_infos(made, backend, name):
+    env, plain = made(TOWER, backend, seed=1, wrap=VECTOR_WRAPPERS[name]), made(TOWER, backend, seed=1)
+    change = darker if name == "observations" else lambda observations: observations
+    assert_same(env.reset(), change(plain.reset()))
+    assert_same(get_action_masks(env), get_action_masks(plain))
     for action in (1, 0):
         *_, infos = env.step(np.full(COUNT, action))
         *_, expected = plain.step(np.full(COUNT, action))
     for info, other in zip(infos, expected, strict=True):
         for key in ("outcome", "is_success", "TimeLimit.truncated"):
             assert info[key] == other[key]
-        assert_same(info["terminal_observation"], other["terminal_observation"])
+        assert_same(info["terminal_observation"], change(other["terminal_observation"]))
         assert info.get("mine", info["episode"])["l"] == 2
     assert env.unwrapped.reset_infos[0]["task"] == plain.unwrapped.reset_infos[0]["task"]
 
 
-def test_gymnasiums_vector_wrappers__may_change_observations(made: Any) -> None:
-    def darker(observations: Any) -> Any:
-        return {**observations, "image": observations["image"] // 2}
-
-    env = made(TOWER, "batched", seed=0, wrap=lambda envs: vector_wrappers.TransformObservation(envs, darker))
-    plain = made(TOWER, "batched", seed=0)
-    assert_same(env.reset()["image"], plain.reset()["image"] // 2)
-    for observations, (expected, *_) in [
-        (env.step(actions)[0], plain.step(actions)) for actions in np.eye(4, dtype=int)
-    ]:
-        assert_same(observations["image"], expected["image"] // 2)
-
-
 @pytest.mark.parametrize("backend", ["batched", "workers", "dummy"])
-def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: str) -> None:
+def test_options__are_alike_in_all_backends(made, backend, own_ids):
     env = made(TOWER, backend, corpus=own_ids)
     env.set_options({"task": 0})
     env.reset()
     assert [info["task"] for info in env.unwrapped.reset_infos] == ["0"] * COUNT
     env.set_options({"tsk": "0"})
-    with pytest.raises(ValueError, match=r"unknown reset options \['tsk'\]; choose from task"):
+    with pytest.raises(ValueError, match=r"\['tsk'\]; choose from task"):
         env.reset()
     task = replace(env.get_attr("tasks")[0][0], id="mine", statement="It is mine.")
     env.set_options([{"task": task}, {}, {}, {"task": "1"}])
@@ -209,7 +185,7 @@ def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: st
 
 
 @pytest.fixture
-def own_ids(tmp_path: Path) -> str:
+def own_ids(tmp_path):
     """A corpus whose tasks have the ids "0" and "1"."""
     path = tmp_path / "own.jsonl"
     starts = [start | {"id": str(number)} for number, start in enumerate(BLUE["starts"])]
@@ -218,9 +194,9 @@ def own_ids(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("settings", "advice"),
+    ("settings", "message"),
     [
-        ({"num_envs": 2}, "unknown keyword 'num_envs'; use .*n_envs"),
+        ({"num_envs": 2}, "'num_envs'; use .*n_envs"),
         ({"backend": "dummy", "vec_env_kwargs": {}}, "use backend=... and its keywords"),
         ({"max_episode_steps": 5}, "use horizon=N"),
         ({"env_kwargs": {"split": "dev"}}, "use its entries as keywords"),
@@ -229,49 +205,50 @@ def own_ids(tmp_path: Path) -> str:
         ({"monitor_dir": "logs"}, "monitor=False"),
         ({"num_workers": 2}, 'WorkerVectorEnv.id, N, num_workers=.*, or backend="workers" for SB3'),
         ({"backend": "dummy", "evaluation": True}, "as it belongs to batches"),
+        ({"backend": "subproc", "evaluation": True}, 'evaluation=True needs backend="batched"'),
         ({"nonsense": 1}, "choose from corpus, .* sampler, .*, render_mode, copy"),
+        ({"backend": "threads"}, f"'threads'; choose from {', '.join(sorted(BACKENDS))}"),
+        ({"n_envs": 2.0}, "not 2.0"),
+        ({"observation": "text"}, "Stable-Baselines3 has no Text spaces; use observation="),
+        ({"wrap": text_observation_v0}, "Stable-Baselines3 has no Text spaces; use observation="),
     ],
 )
-def test_make__says_what_replaces_keywords_of_other_makers(settings: dict[str, Any], advice: str) -> None:
-    with pytest.raises(TypeError, match=advice):
-        make_vec_env(TOWER, 2, **settings)
+def test_make__names_the_choices_or_what_replaces_keywords_of_others(settings, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        make_vec_env(**{"id": TOWER, "n_envs": 2, **settings})
+    assert not multiprocessing.active_children()
 
 
-def test_batch__must_leave_resets_to_the_adapter() -> None:
+def test_batch__must_leave_resets_to_the_adapter():
     with pytest.raises(ValueError, match=r"BatchVecEnv needs autoreset_mode=.*DISABLED.*, not .*NEXT_STEP"):
         BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
 
 
 @pytest.mark.parametrize("backend", ["batched", "workers"])
-def test_observations__may_be_modified_by_the_caller(made: Any, backend: str) -> None:
+def test_results__may_be_modified_by_the_caller(made, backend):
     changed, kept = made(TOWER, backend, seed=1), made(TOWER, backend, seed=1)
-    observations, expected = [changed.reset()], [kept.reset()]
+    observations, infos, expected = changed.reset(), [], kept.reset()
     for action in (1, 0, 2, 0, 0):
-        assert_same(observations, expected, f"before {action}")
-        for observation in observations:
-            for part in ("image", "statement"):
-                observation[part][...] = 77
-        (*changes, infos), (*same, same_infos) = (env.step(np.full(COUNT, action)) for env in (changed, kept))
-        assert_same(changes[1:], same[1:])
-        observations = [changes[0], *(info["terminal_observation"] for info in infos if info)]
-        expected = [same[0], *(info["terminal_observation"] for info in same_infos if info)]
+        assert_same(observations, expected)
+        for observation in (observations, *(info["terminal_observation"] for info in infos if info)):
+            observation["image"][...] = observation["statement"][...] = 77
+        for info in infos:
+            info["mine"] = True
+        observations, *_, infos = changed.step(np.full(COUNT, action))
+        expected, *_, same_infos = kept.step(np.full(COUNT, action))
+        assert_same([*map(without_times, infos)], [*map(without_times, same_infos)])
 
 
-def test_infos__are_new_dicts_one_per_environment(made: Any) -> None:
-    env = made(TOWER, "batched", seed=0)
-    env.reset()
-    first, second = (env.step(np.ones(COUNT, np.int64))[3] for _ in range(2))
-    assert len({id(info) for info in (*first, *second)}) == 2 * COUNT
-    first[0]["mine"] = True
-    assert not any("mine" in info for info in (*first[1:], *second, *env.step(np.zeros(COUNT, np.int64))[3]))
+def without_times(info):
+    return {key: value for key, value in info.items() if key != "episode"}
 
 
-def test_metadata__has_the_frames_per_second_of_films(made: Any) -> None:
+def test_metadata__has_the_frames_per_second_of_films(made):
     batched, single = (made(TOWER, backend, monitor=False).get_attr("metadata")[0] for backend in ("batched", "dummy"))
     assert batched["render_fps"] == made(TOWER, "batched", monitor=False).metadata["render_fps"] == single["render_fps"]
 
 
-def test_monitor__can_be_switched_off(made: Any) -> None:
+def test_monitor__can_be_switched_off(made):
     assert isinstance(made(TOWER, "dummy"), VecMonitor)
     assert isinstance(made(TOWER, "batched"), VecMonitor)
     assert isinstance(made(TOWER, "batched", monitor=False), BatchVecEnv)
@@ -279,78 +256,55 @@ def test_monitor__can_be_switched_off(made: Any) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_failing_wrapper__is_reported_and_leaves_no_process(made: Any, backend: str) -> None:
-    with pytest.raises(ValueError, match="/no/such/file: is no vocabulary that can be read"):
+def test_failing_wrapper__is_reported_and_leaves_no_process(made, backend):
+    with pytest.raises(ValueError, match="/no/such/file"):
         made(TOWER, backend, vocabulary="/no/such/file")
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"backend": "threads"}, f"unknown backend 'threads'; choose from {', '.join(sorted(BACKENDS))}"),
-        ({"n_envs": 0}, "n_envs must be a positive whole number, not 0"),
-        ({"n_envs": 2.0}, "not 2.0"),
-        ({"corpus": "/no/such/file"}, "/no/such/file"),
-    ],
-)
-def test_make__names_the_value_and_the_choices(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make_vec_env(**{"id": TOWER, "n_envs": 2, **settings})
-    assert not multiprocessing.active_children()
-
-
-def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any, tmp_path: Path) -> None:
+def test_model__loads_across_backends_and_names_both_spaces_otherwise(made, tmp_path):
     model = MaskablePPO("MultiInputPolicy", made(TOWER, "batched"), n_steps=2, batch_size=2, policy_kwargs=SMALL)
     model.save(tmp_path / "model.zip")
     MaskablePPO.load(tmp_path / "model.zip", env=gym.make(TOWER, observation="arrays"))
-    words = Vocabulary(("blue", "block"))
-    other = made(TOWER, "batched", vocabulary=words, length=40)
-    assert other.observation_space["statement"].shape == (40,)
     with pytest.raises(ValueError, match=r"Observation spaces do not match: .*\(44,\).*\(40,\)"):
-        MaskablePPO.load(tmp_path / "model.zip", env=other)
-    single = gym.make(TOWER, observation="arrays", vocabulary=words, length=40)
-    assert single.observation_space == other.observation_space
+        MaskablePPO.load(tmp_path / "model.zip", env=made(TOWER, "batched", length=40))
 
 
-@pytest.mark.parametrize("count", [1, 8, 151])
-def test_evaluation__counts_every_task_once(count: int) -> None:
+@pytest.mark.parametrize("count", [8, 151])
+def test_evaluation__counts_every_task_once(count):
     env = make_vec_env(TOWER, count, split="dev", evaluation=True)
-    playing: list[str] = []  # by environment
-    counted: list[str] = []
+    playing = []  # by environment
+    counted = []
 
     class Stopping:
         """A model that always takes STOP."""
 
-        def predict(self, observations: Any, **_: Any) -> tuple[np.ndarray, None]:
+        def predict(self, observations, **_):
             playing[:] = [info["task"] for info in env.unwrapped.reset_infos]
             return np.zeros(count, np.int64), None
 
-    def note(variables: dict[str, Any], _: Any) -> None:
+    def note(variables, _):
         counted.append(playing[variables["i"]])
 
     tasks = env.get_attr("tasks")[0]
-    rewards, lengths = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)  # pyright: ignore[reportArgumentType]
-    assert lengths == [1] * len(tasks)
-    assert sorted(counted) == sorted(tasks.ids)
-    assert dict(zip(counted, rewards, strict=True)) == {
-        task.id: 1 if task.solved_by(task.start) else -1 for task in tasks
-    }
+    rewards, _ = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)
+    expected = {task.id: 1 if task.solved_by(task.start) else -1 for task in tasks}
+    assert len(counted) == len(tasks)
+    assert dict(zip(counted, rewards, strict=True)) == expected
     env.close()
 
 
-def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: Any) -> None:
+def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made):
     wrap = lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward)  # noqa: E731
     with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
     env = made(TOWER, "dummy", wrap=wrap)
-    env.seed(0)
     env.reset()
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
 
 
 @pytest.mark.parametrize("backend", ["batched", "dummy"])
-def test_stop_forcing__is_added_outside_of_other_wrappers(made: Any, backend: str) -> None:
+def test_stop_forcing__is_added_outside_of_other_wrappers(made, backend):
     wrap = lambda env: structured_observation_v0(box_permutation_v0(env))  # noqa: E731
     assert "forced" in made(TOWER, backend, wrap=wrap, stop_forcing=True).observation_space.spaces
     for wrap in (image_observation_v0, lambda env: flat_observation_v0(structured_observation_v0(env))):
@@ -358,37 +312,23 @@ def test_stop_forcing__is_added_outside_of_other_wrappers(made: Any, backend: st
             made(TOWER, backend, wrap=wrap, stop_forcing=True)
 
 
-@pytest.mark.parametrize("settings", [{"observation": "text"}, {"wrap": text_observation_v0}])
-def test_batch__refuses_text(made: Any, settings: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="Stable-Baselines3 has no Text spaces; use observation="):
-        made(TOWER, "batched", **settings)
-
-
 @pytest.mark.parametrize("backend", ["batched", "dummy"])
-def test_wrap__flat_items_need_no_tokenising(made: Any, backend: str) -> None:
+def test_wrap__flat_items_need_no_tokenising(made, backend):
     env = made(TOWER, backend, wrap=lambda env: flat_observation_v0(structured_observation_v0(env)))
     assert env.reset().dtype == np.float32
 
 
-def test_cnn_policy__takes_the_image_alone() -> None:
-    env = image_observation_v0(gym.make(TOWER))
-    small = {"features_extractor_kwargs": {"features_dim": 8}}
-    model = PPO("CnnPolicy", env, n_steps=2, batch_size=2, policy_kwargs=small)
-    assert model.predict(env.reset(seed=0)[0])[0] in env.action_space
-
-
-def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release() -> None:
+def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release():
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
-        with pytest.raises(TypeError, match="unknown keyword 'data'; use corpus=PATH"):
-            make(TOWER, data="data")
-        with pytest.raises(TypeError, match="unknown keyword 'splt'; choose from corpus, split"):
-            make(TOWER, splt="dev")
+        for name, advice in (("data", "use corpus=PATH"), ("splt", "choose from corpus, split")):
+            with pytest.raises(TypeError, match=f"'{name}'; {advice}"):
+                make(TOWER, **{name: "data"})
 
 
-def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made: Any) -> None:
+def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made):
     env = made(TOWER, "subproc", start_method="forkserver")
     assert VARIABLE not in os.environ
-    assert forkserver._forkserver._preload_modules == ["__main__"]  # pyright: ignore
+    assert forkserver._forkserver._preload_modules == ["__main__"]
     assert env.reset()["image"].shape[0] == COUNT
 
 
@@ -406,37 +346,31 @@ if __name__ == "__main__":
 
 
 @pytest.mark.long
-def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path: Path) -> None:
+def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path):
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "'image'" in done.stdout, done.stderr
 
 
-def test_evaluation__names_what_contradicts_it() -> None:
+def test_evaluation__names_what_contradicts_it():
     settings = recipe("TowerScratch")
     with pytest.raises(ValueError, match=r'backend="batched".*leave out same_statement=16, recolour=True$'):
         make_vec_env(**(settings.env | {"evaluation": True}))
-    with pytest.raises(TypeError, match='evaluation=True needs backend="batched"'):
-        make_vec_env(TOWER, backend="subproc", evaluation=True)
 
 
-def test_same_statement__over_workers_that_split_the_groups_warns() -> None:
+def test_same_statement__over_workers_that_split_the_groups_warns():
     with pytest.warns(UserWarning, match="same_statement=8: 2 workers split groups"):
         make_vec_env(TOWER, 24, "workers", num_workers=2, same_statement=8).close()
 
 
-def images(*, dtype: Any, high: float) -> spaces.Dict:
-    space = make_vec_env(TOWER).observation_space
-    return spaces.Dict({**space.spaces, "image": spaces.Box(0, high, (50, 190, 3), dtype)})
-
-
-def test_policy__refuses_scaled_images() -> None:
-    settings, space = recipe("TowerFlipIt"), images(dtype=np.float32, high=1.0)
+def test_policy__refuses_scaled_images():
+    settings, seen = recipe("TowerFlipIt"), make_vec_env(TOWER).observation_space
+    space = spaces.Dict({**seen.spaces, "image": spaces.Box(0, 1, (50, 190, 3), np.float32)})
     with pytest.raises(ValueError, match="leave it out of VecNormalize"):
         LilGymPolicy(space, spaces.Discrete(13), lambda _: 1e-3, **settings.model["policy_kwargs"])
 
 
-def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> None:
+def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path):
     training = recipe("TowerFlipIt")
     words = training.model["policy_kwargs"]["words"]
     others = Vocabulary((*words[1:], "zebra"))
@@ -445,60 +379,59 @@ def test_policy__refuses_token_ids_of_as_many_other_words(tmp_path: Path) -> Non
         LilGymPolicy(other.observation_space, env.action_space, lambda _: 1e-3, **training.model["policy_kwargs"])
     model = MaskablePPO(env=env, **training.model)
     model.save(tmp_path / "own.zip")
-    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words  # pyright: ignore
+    assert MaskablePPO.load(tmp_path / "own.zip", env=env).observation_space["statement"].vocabulary.words == words
     with pytest.raises(ValueError, match="Observation spaces do not match"):
         MaskablePPO.load(tmp_path / "own.zip", env=other)
 
 
-@pytest.mark.parametrize("settings", [{}, {"observation": "text", "wrap": tokenized_statement_v0}])
+@pytest.mark.parametrize("wrap", [None, tokenized_statement_v0])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_vocabulary__can_be_read_in_every_backend(made: Any, backend: str, settings: dict[str, Any]) -> None:
-    env = made(TOWER, backend, **settings)
+def test_vocabulary__can_be_read_in_every_backend(made, backend, wrap):
+    env = made(TOWER, backend, wrap=wrap, observation="text" if wrap else "arrays")
     (words,) = {vocabulary.words for vocabulary in env.get_attr("vocabulary")}
-    assert words == made(TOWER, "batched").observation_space["statement"].vocabulary.words
+    assert words == env.observation_space["statement"].vocabulary.words
 
 
-def test_policy__sees_every_change_of_its_weights() -> None:
+def test_policy__sees_every_change_of_its_weights():
     settings, env = recipe("TowerFlipIt"), make_vec_env(TOWER, seed=0)
     policies = [
         LilGymPolicy(env.observation_space, env.action_space, lambda _: 1e-3, **settings.model["policy_kwargs"])
         for _ in range(2)
     ]
-    observations, fresh = {name: torch.as_tensor(part) for name, part in env.reset().items()}, policies[1]
+    observations = {name: torch.as_tensor(part) for name, part in env.reset().items()}
+    ours, fresh = (policy.eval() for policy in policies)
 
-    def values(policy: LilGymPolicy) -> torch.Tensor:
-        policy.network.clear_cache() if policy is fresh else None
-        with torch.no_grad():
-            return policy.predict_values(observations)
+    @torch.no_grad()
+    def assert_equal_values():
+        fresh.network.clear_cache()
+        values = [policy.predict_values(observations) for policy in policies]
+        assert torch.allclose(*values, atol=1e-5)
 
-    ours = policies[0].eval()
-    fresh.eval()
-    values(ours)
+    ours.predict_values(observations)
     ours.load_from_vector(fresh.parameters_to_vector())
-    assert torch.allclose(values(ours), values(fresh), atol=1e-5)
+    assert_equal_values()
     with torch.no_grad():
         for one, other in zip(ours.parameters(), fresh.parameters(), strict=True):
             one.mul_(1.5)
             other.copy_(one)
-    assert torch.allclose(values(ours), values(fresh), atol=1e-5)
+    assert_equal_values()
     part = {name: value / 2 for name, value in ours.state_dict().items() if "boxes" in name}
     for policy in policies:
         policy.load_state_dict(part, strict=False)
-    assert torch.allclose(values(ours), values(fresh), atol=1e-5)
+    assert_equal_values()
 
 
-def test_vec_frame_stack__accepts_a_batch(made: Any) -> None:
+def test_vec_frame_stack__accepts_a_batch(made):
     stacked = VecFrameStack(made(TOWER, "batched", seed=0), 2)
     assert stacked.reset()["statement"].shape == (COUNT, 2 * stacked.venv.observation_space["statement"].shape[0])
 
 
-@pytest.mark.parametrize("backend", ["batched", "workers"])
 @pytest.mark.parametrize("evaluate", [evaluate_policy, evaluate_masked_policy])
-def test_monitor__is_recognised_by_evaluate_policy(made: Any, backend: str, evaluate: Any) -> None:
-    env = made(TOWER, backend, seed=0)
+def test_monitor__is_recognised_by_evaluate_policy(made, evaluate):
+    env = made(TOWER, "batched", seed=0)
 
     class Stopping:
-        def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
+        def predict(self, observations, **settings):
             return np.zeros(COUNT, np.int64), None
 
     # warns if unmonitored

@@ -1,10 +1,6 @@
 """The policy, the buffer, the sampler and the recipe for Stable-Baselines3."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -35,7 +31,7 @@ COUNT = 8
 STOP = 0
 
 
-def small_model(algorithm: Any = MaskablePPO, configuration: str = "TowerScratch", **changes: Any) -> Any:
+def small_model(algorithm=MaskablePPO, configuration="TowerScratch", **changes):
     """An untrained model over COUNT environments with the recipe, but tiny rollouts."""
     settings = recipe(configuration)
     grouped = {} if changes.get("backend", "batched") in ("dummy", "subproc") else {"same_statement": 4}
@@ -44,13 +40,13 @@ def small_model(algorithm: Any = MaskablePPO, configuration: str = "TowerScratch
 
 
 @pytest.fixture(scope="module")
-def trained() -> Iterator[MaskablePPO]:
+def trained():
     model = small_model().learn(64, EntropySchedule(0.5, 0.1))
     yield model
     model.env.close()
 
 
-def test_training__changes_the_weights_and_the_entropy_coefficient(trained: MaskablePPO) -> None:
+def test_training__changes_the_weights_and_the_entropy_coefficient(trained):
     before, after = small_model().policy.state_dict(), trained.policy.state_dict()
     assert not torch.equal(before["network.value.weight"], after["network.value.weight"])
     assert trained.ent_coef == pytest.approx(0.3)  # at the start of the second of two rollouts
@@ -60,24 +56,20 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained: Mask
     ("algorithm", "configuration", "changes"),
     [
         (MaskablePPO, "TowerFlipIt", {"wrap": None}),
-        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
-        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
+        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
+        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
         (PPO, "ScatterFlipIt", {"recolour": False}),
-        pytest.param(PPO, "TowerFlipIt", {"wrap": None, "backend": "dummy"}, marks=pytest.mark.long),
-        pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "workers"}, marks=pytest.mark.long),
         pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc"}, marks=pytest.mark.long),
     ],
 )
-def test_training__works_with_every_backend_from_images_and_items(
-    algorithm: Any, configuration: str, changes: dict[str, Any]
-) -> None:
+def test_training__works_with_every_backend_from_images_and_items(algorithm, configuration, changes):
     model = small_model(algorithm, configuration, **changes)
     model.learn(32)
     assert model.num_timesteps == 32
     model.env.close()
 
 
-def test_evaluation_callback_and_reward_normalisation__work(tmp_path: Path) -> None:
+def test_evaluation_callback_and_reward_normalisation__work(tmp_path):
     settings = recipe("TowerScratch")
     options = {"n_envs": 4, "vocabulary": settings.env["vocabulary"], "wrap": settings.env["wrap"]}
     env = VecNormalize(make_vec_env(**settings.env | options | {"same_statement": 2}, seed=0), norm_obs=False)
@@ -88,11 +80,11 @@ def test_evaluation_callback_and_reward_normalisation__work(tmp_path: Path) -> N
     PPO.load(tmp_path / "best_model.zip")
 
 
-def test_saved_model__chooses_the_same_actions_from_items_images_and_text(trained: MaskablePPO, tmp_path: Path) -> None:
+def test_saved_model__chooses_the_same_actions_from_items_images_and_text(trained, tmp_path):
     trained.save(tmp_path / "model.zip")
     loaded = MaskablePPO.load(tmp_path / "model.zip")
     env = make_vec_env(SCRATCH, 4, vocabulary=recipe("TowerScratch").env["vocabulary"], seed=1)
-    texts: Any = gym.make_vec(SCRATCH, num_envs=4)
+    texts = gym.make_vec(SCRATCH, num_envs=4)
     arrays, (texts_now, _) = env.reset(), texts.reset(seed=1)
     expected, _ = trained.predict(arrays, deterministic=True)
     for model in (trained, loaded):
@@ -104,9 +96,9 @@ def test_saved_model__chooses_the_same_actions_from_items_images_and_text(traine
     assert_same(loaded.predict(arrays, action_masks=masks)[0], np.full(4, 5))
 
 
-def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained: MaskablePPO) -> None:
+def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained):
     assert trained.env is not None
-    inputs: Any = obs_as_tensor(trained.env.reset(), trained.device)
+    inputs = obs_as_tensor(trained.env.reset(), trained.device)
     inputs["forced"] = torch.ones_like(inputs["forced"])
     actions, _, log_probs = trained.policy(inputs)
     assert actions.tolist() == [STOP] * COUNT
@@ -116,28 +108,28 @@ def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained: 
     assert (log_probs < 0).all()
 
 
-def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_forced_stops() -> None:
+def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_forced_stops():
     model = small_model()
     buffer = StatementRolloutBuffer(4, model.observation_space, model.action_space, n_envs=COUNT)
     rng, observations = np.random.default_rng(0), model.env.reset()
+    values, log_probs = torch.full((COUNT,), 0.5), torch.zeros(COUNT)
     for step in range(4):
         observations["statement"][:] = (np.arange(COUNT)[:, None] + step) % 4 + 2  # four statements
         observations["forced"][:] = step == 2
-        values, log_probs = torch.full((COUNT,), 0.5), torch.zeros(COUNT)
-        buffer.add(observations, np.arange(COUNT) + COUNT * step, rng.random(COUNT), np.zeros(COUNT), values, log_probs)
+        actions = np.arange(COUNT) + COUNT * step
+        buffer.add(observations, actions, rng.random(COUNT), np.zeros(COUNT), values, log_probs)
     buffer.compute_returns_and_advantage(torch.zeros(COUNT), np.zeros(COUNT))
     assert buffer.advantages.std() == pytest.approx(1)
-    ratios = buffer.advantages / buffer.returns
-    assert np.allclose(ratios[2], ratios[2, 0])
-    assert not np.allclose(ratios[1], ratios[1, 0])
-    for _ in range(2):
-        batches = list(buffer.get(8))
-        assert [len(torch.unique(batch.observations["statement"][:, 0])) for batch in batches] == [1] * 4
-        assert sorted(torch.cat([batch.actions for batch in batches]).flatten().tolist()) == list(range(4 * COUNT))
+    spreads = np.ptp(buffer.advantages / buffer.returns, axis=1)
+    assert spreads[2] == pytest.approx(0, abs=1e-5)
+    assert spreads[1] > 0.01
+    batches = list(buffer.get(8))
+    assert [len(torch.unique(batch.observations["statement"][:, 0])) for batch in batches] == [1] * 4
+    assert {int(action) for batch in batches for action in batch.actions} == set(range(4 * COUNT))
     model.env.close()
 
 
-def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() -> None:
+def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary():
     settings = recipe("TowerScratch")
     env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
     changes = {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
@@ -151,7 +143,7 @@ def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() ->
 # Agents
 
 
-def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, tmp_path: Path) -> None:
+def test_agent__plays_as_the_model_and_as_its_model_file(trained, tmp_path):
     agent = agent_of(trained)
     assert agent.description.details["mask"]
     save_model(tmp_path / "agent.safetensors", agent.description, agent.network.state_dict())
@@ -161,23 +153,21 @@ def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, t
         for one in (agent, open_agent(tmp_path / "agent.safetensors"))
     )
     assert played == again
-    env: Any = gym.make(SCRATCH, split="dev")
-    for actions, task in zip(played[:20], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
+    env = gym.make(SCRATCH, split="dev")
+    for actions, task in zip(played[:5], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
         observation, _ = env.reset(options={"task": task})
         masks = env.get_wrapper_attr("action_masks")()
         first = env.unwrapped.dynamics.appearance.encode(actions[0])
         assert trained.predict(observation, deterministic=True, action_masks=masks)[0] == first
 
 
-def test_agent__needs_our_policy() -> None:
+def test_agent__needs_our_policy():
     model = PPO("MlpPolicy", "CartPole-v1")
     with pytest.raises(AgentError, match="not those with a ActorCriticPolicy"):
         agent_of(model)
 
 
-def test_evaluate__plays_a_trusted_model(
-    trained: MaskablePPO, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate__plays_a_trusted_model(trained, tmp_path, capsys):
     path = str(tmp_path / "model.zip")
     trained.save(path)
     assert main(["evaluate", path, "--alone"]) == 2
@@ -192,26 +182,25 @@ def test_evaluate__plays_a_trusted_model(
 # Tasks
 
 
-def statements_of(envs: Any, steps: int) -> list[list[str]]:
+def statements_of(envs, steps):
     """By time: the statement that each environment plays, when each STOPs at once."""
     observations = [envs.reset(seed=0)[0], *(envs.step(np.zeros(envs.num_envs, np.int64))[0] for _ in range(steps))]
     return [list(observation["statement"]) for observation in observations]
 
 
 @pytest.mark.parametrize(("workers", "episodes"), [(1, 3), (2, 2)])
-def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers: int, episodes: int) -> None:
+def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers, episodes):
     sampler = StatementSampler(SCRATCH, same_statement=4, statement_episodes=episodes)
     envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
     rows = statements_of(envs, 3 * episodes - 1)
     envs.close()
-    for row in rows:
-        assert len({*row[:4]}) == len({*row[4:]}) == 1
+    assert all(row == [row[0]] * 4 + [row[4]] * 4 for row in rows)
     firsts = [row[0] for row in rows]
-    assert all(len({*firsts[start : start + episodes]}) == 1 for start in range(0, len(firsts), episodes))
-    assert len({*firsts}) == 3
+    assert firsts == [statement for statement in dict.fromkeys(firsts) for _ in range(episodes)]
+    assert len(firsts) == 3 * episodes
 
 
-def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
+def test_sampler__is_the_same_in_a_batch_and_in_workers():
     options = {"same_statement": 4, "recolour": True, "empty_starts": 0.5}
     rows = []
     for workers in (1, 2):
@@ -223,15 +212,13 @@ def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
     assert rows[0] == rows[1]
 
 
-def test_sampler__draws_recoloured_and_empty_starts() -> None:
+def test_sampler__draws_recoloured_and_empty_starts():
     sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
     original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}
     rng = np.random.default_rng(0)
-    tasks = [sampler.tasks.by_id(sampler(rng, 0)) for _ in range(2_000)]
-    assert 0.2 < np.mean([not any(box.items for box in task.start.boxes) for task in tasks]) < 0.3
+    tasks = [sampler.tasks.by_id(sampler(rng, 0)) for _ in range(1_000)]
+    assert 0.2 < np.mean([not any(task.start.items()) for task in tasks]) < 0.3
     assert 0.3 < np.mean([task.statement not in original for task in tasks]) < 0.9
-    env = gym.make(FLIPIT, sampler=sampler)
-    assert {env.reset(seed=seed)[1]["task"] for seed in range(9)} <= {*sampler.tasks.ids}
     words = {word for task in tasks for word in task.statement.lower().split() if word.isalpha()}
     assert words <= {*sampler.vocabulary.words}
 
@@ -240,11 +227,10 @@ def test_sampler__draws_recoloured_and_empty_starts() -> None:
     ("changes", "message"),
     [
         ({"same_statement": 2, "backend": "dummy"}, 'same_statement=2 needs backend="batched" or backend="workers"'),
-        ({"recolour": True, "split": "dev"}, "the sampler has its own tasks, of split 'train', not 'dev'"),
-        ({"empty_starts": 1.5}, "empty-starts must be at least 0 and at most 0.9, not 1.5"),
-        ({"stop_forcing": True, "split": "dev"}, "StopForcing is for training: split 'dev'"),
+        ({"recolour": True, "split": "dev"}, "of split 'train', not 'dev'"),
+        ({"empty_starts": 1.5}, "at least 0 and at most 0.9, not 1.5"),
     ],
 )
-def test_make_vec_env__explains_what_training_options_need(changes: dict[str, Any], message: str) -> None:
+def test_make_vec_env__explains_what_training_options_need(changes, message):
     with pytest.raises(ValueError, match=message):
         make_vec_env(FLIPIT, 4, **changes)

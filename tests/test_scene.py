@@ -1,12 +1,9 @@
 """Scenes: the released JSON form, errors in it, and immutability."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json
 import pickle
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -32,7 +29,7 @@ def test_json__is_the_released_form():
 
 
 @given(UNCHECKED_SCENES)
-def test_json__reading_a_written_scene_restores_it(written: Scene):
+def test_json__reading_a_written_scene_restores_it(written):
     assert Scene.from_json(json.loads(json.dumps(written.to_json()))) == written
 
 
@@ -45,7 +42,7 @@ def test_json__reading_a_written_scene_restores_it(written: Scene):
         ([[], [], [7]], r"^box 2, item 0: an item must be an object with keys color, size, type, x_loc, y_loc, not 7$"),
     ],
 )
-def test_from_json__malformed_data_is_refused_with_its_place(data: object, message: str):
+def test_from_json__malformed_data_is_refused_with_its_place(data, message):
     with pytest.raises(SceneError, match=message):
         Scene.from_json(data)
 
@@ -53,23 +50,22 @@ def test_from_json__malformed_data_is_refused_with_its_place(data: object, messa
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("type", "disc", r"unknown type 'disc'; choose from circle, square, triangle"),
-        ("color", "yellow", r"unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
-        ("size", 15, r"unknown size 15; choose from 10, 20, 30"),
-        ("size", True, r"unknown size True"),
+        ("type", "disc", "unknown type 'disc'; choose from circle, square, triangle"),
+        ("color", "yellow", "unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
+        ("size", True, "unknown size True; choose from 10, 20, 30"),
         ("x_loc", 1.5, r"x_loc must be a whole number of pixels, not 1\.5"),
-        ("y_loc", True, r"y_loc must be a whole number of pixels, not True"),
+        ("y_loc", True, "y_loc must be a whole number of pixels, not True"),
     ],
 )
-def test_from_json__a_wrong_value_is_refused_with_box_item_and_choices(key: str, value: object, message: str):
-    data: list[list[dict[str, Any]]] = copy.deepcopy(JSON)
+def test_from_json__a_wrong_value_is_refused_with_box_item_and_choices(key, value, message):
+    data = copy.deepcopy(JSON)
     data[2][1][key] = value
     with pytest.raises(SceneError, match=f"^box 2, item 1: {message}"):
         Scene.from_json(data)
 
 
 def test_from_json__missing_and_unknown_keys_are_refused():
-    data: list[list[dict[str, Any]]] = copy.deepcopy(JSON)
+    data = copy.deepcopy(JSON)
     data[0][0]["colour"] = data[0][0].pop("color")
     with pytest.raises(SceneError, match=r"^box 0, item 0: an item has keys colour, .*; it must have color, size"):
         Scene.from_json(data)
@@ -81,13 +77,13 @@ def test_permuted__box_k_is_the_old_box_order_k():
 
 
 @pytest.mark.parametrize("order", [(0, 1), (0, 1, 1), (1, 2, 3)])
-def test_permuted__an_invalid_permutation_is_refused(order: tuple[int, ...]):
+def test_permuted__an_invalid_permutation_is_refused(order):
     with pytest.raises(SceneError, match=r"is not a permutation of the boxes 0, 1, 2"):
         SCENE.permuted(order)
 
 
 @given(UNCHECKED_SCENES, st.permutations(range(3)))
-def test_permuted__the_inverse_order_restores_the_scene(given_scene: Scene, order: list[int]):
+def test_permuted__the_inverse_order_restores_the_scene(given_scene, order):
     inverse = [order.index(index) for index in range(3)]
     assert given_scene.permuted(order).permuted(inverse) == given_scene
 
@@ -95,7 +91,7 @@ def test_permuted__the_inverse_order_restores_the_scene(given_scene: Scene, orde
 @pytest.mark.parametrize(
     ("value", "name"), [(SCENE, "boxes"), (SCENE.boxes[0], "items"), (SCENE, "memo"), (circle(0, 0), "x")]
 )
-def test_fields__cannot_be_set(value: Any, name: str):
+def test_fields__cannot_be_set(value, name):
     with pytest.raises((dataclasses.FrozenInstanceError, AttributeError)):
         setattr(value, name, None)
 

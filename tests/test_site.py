@@ -1,16 +1,11 @@
 """The documentation site builds without warnings, and its generated pages match the code."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import pytest
 
@@ -24,7 +19,7 @@ FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """The directory of the built site."""
     for module in ("mkdocs", "material", "mkdocstrings"):
         if importlib.util.find_spec(module) is None:
@@ -46,12 +41,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pages() -> ModuleType:
+def pages():
     return load_script("write_environment_pages")
 
 
 @pytest.mark.long
-def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(site: Path) -> None:
+def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(site):
     documents = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
     assert [page for page in documents if not (site / page).exists()] == []
     assert {"changelog.html", "contributing.html"} <= {path.name for path in site.iterdir()}
@@ -59,20 +54,20 @@ def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(
     assert {link for link in fetched if "canonical" not in link} == set()
 
 
-def test_environment_pages__are_up_to_date(pages: ModuleType) -> None:
+def test_environment_pages__are_up_to_date(pages):
     stale = [path.name for path, text in pages.documents().items() if path.read_text() != text]
     assert not stale, "run scripts/write_environment_pages.py"
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     with chromium() as opened:
         yield opened
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser: Any, site: Path, *, dark: bool):
+def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser, site, *, dark):
     shown = [site / page for page in VISITED]
     with watched_page(browser, dark=dark) as watched:
         for page in shown:
@@ -86,7 +81,7 @@ def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser
 
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__passes_axe(browser: Any, site: Path, *, dark: bool):
+def test_site__passes_axe(browser, site, *, dark):
     rules = "{rules: {'empty-table-header': {enabled: false}}}"  # the corner of a matrix is empty
     check = f"async () => (await axe.run({rules})).violations.map(one => [one.id, one.nodes.map(node => node.html)])"
     with watched_page(browser, dark=dark) as watched:
@@ -97,7 +92,7 @@ def test_site__passes_axe(browser: Any, site: Path, *, dark: bool):
 
 
 @pytest.mark.long
-def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
+def test_site__opened_from_its_directory_is_searched(browser, site):
     first = {"ScatterFlipIt": "environments/index.html"}
     with watched_page(browser, 1400) as watched:
         for words, page in first.items():

@@ -18,6 +18,7 @@ from lilgym_mp.scene.choices import choose
 
 AUTO = "auto"
 MIN_ENVS_PER_PROCESS = 64  # fewest environments per process with "auto"
+HAS_POSIX = hasattr(reduction, "DupFd") and hasattr(signal, "pthread_sigmask")
 
 
 def checked_worker_count(num_workers: int | str, num_envs: int) -> int:
@@ -50,7 +51,7 @@ def process_context(start_method: str | None) -> Any:
 
 def why_no_processes() -> str | None:
     """Why this process cannot start processes that share memory, None if it can."""
-    if not (hasattr(reduction, "DupFd") and hasattr(signal, "pthread_sigmask")):
+    if not HAS_POSIX:
         return "workers need Linux or macOS"
     if multiprocessing.current_process().daemon:
         return "a daemonic process cannot start workers"

@@ -11,6 +11,7 @@ from multiprocessing import reduction
 from typing import Any
 
 ZEROS = bytes(1 << 20)  # written at a time
+HAS_MEMFD = hasattr(os, "memfd_create")
 
 
 class SharedMemoryError(MemoryError):
@@ -47,7 +48,7 @@ def _anonymous_file(size: int) -> int:
         if size > available:
             raise SharedMemoryError(f"cannot share {megabytes}: this machine has {available / 1e6:,.1f} MB of memory")
     try:
-        if hasattr(os, "memfd_create"):
+        if HAS_MEMFD:
             fd = os.memfd_create("lilgym_mp")
             os.ftruncate(fd, size)
             return fd

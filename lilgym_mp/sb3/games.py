@@ -127,12 +127,16 @@ class GameVecEnv(VecEnv):
 
     def _play_partner(self, indices: Int64Array) -> None:
         """The partner plays in those of games (k,) where it alone is to move, until it no longer is."""
+        seat = self._roles[0]
+        wait = self._games.game.wait_actions[seat]
         while self._partner is not None:
             movers = self._games.movers[:, indices]
-            indices = indices[movers[self._other] & ~movers[self._roles[0]]]
+            indices = indices[movers[self._other] & ~movers[seat]]
             if not len(indices):
                 return
             self._choose(indices)
+            if wait is not None:
+                self._actions[seat, indices] = wait
             self._play(indices)
 
     @property

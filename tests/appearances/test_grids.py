@@ -1,9 +1,6 @@
 """Scatter's grids: which tile the boxes and separators, and what is said of those that do not."""
 
-from __future__ import annotations
-
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +37,7 @@ def test_grid__every_documented_one_tiles_the_image():
 
 
 @pytest.mark.parametrize("grid", [[19, 5], (np.int64(19), np.int32(5))], ids=str)
-def test_grid__accepts_lists_and_numpy_integers(grid: Any):
+def test_grid__accepts_lists_and_numpy_integers(grid):
     assert checked_grid(grid) == (19, 5)
     assert Scatter(grid).grid == (19, 5)
 
@@ -56,7 +53,7 @@ def test_grid__columns_that_straddle_a_separator_are_refused_with_the_choices():
 
 
 @pytest.mark.parametrize("rows", [3, 6, 7, 30, 99, 101, 200])
-def test_grid__rows_that_do_not_divide_the_height_are_refused_with_the_choices(rows: int):
+def test_grid__rows_that_do_not_divide_the_height_are_refused_with_the_choices(rows):
     with pytest.raises(GridError, match=rf"{rows} rows do not divide 100 pixels; choose from 1, 2, 4, 5, 10, 20, 25, "):
         Scatter((19, rows))
 
@@ -64,7 +61,7 @@ def test_grid__rows_that_do_not_divide_the_height_are_refused_with_the_choices(r
 @pytest.mark.parametrize(
     "grid", [None, 19, "pixels", (19,), (19, 5, 1), (19.0, 5), ("19", "5"), (0, 5), (-19, 5), (19, True), {19, 5}]
 )
-def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
+def test_grid__anything_but_a_pair_of_integers_is_refused(grid):
     with pytest.raises(GridError) as fault:
         make_appearance("scatter", grid)
     assert str(fault.value).startswith("grid must be 'native' or a pair (columns, rows) of positive whole numbers, not")

@@ -1,29 +1,26 @@
 """The mask is exact: an action is masked out where, and only where, doing it is invalid."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 
-import numpy as np
 import pytest
 
-from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances import RELEASED_GRID, Grid, Scatter, make_appearance
+from lilgym_mp.scene.appearances import RELEASED_GRID, Scatter, make_appearance
 from tests.stress.mask_exactness import scenes_of, wrong_actions
 
-SCENES = 200
+SCENES = 100
 BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 
 
 @cache
-def dynamics_of(appearance: str, rules: str, grid: Grid = RELEASED_GRID) -> Dynamics:
+def dynamics_of(appearance, rules, grid=RELEASED_GRID):
     return make_dynamics(make_appearance(appearance, grid), rules)
 
 
 @cache
-def scenes_for(appearance: str, rules: str) -> list[Scene]:
+def scenes_for(appearance, rules):
     """The empty scene, start scenes and, nine in ten, scenes from random play under these rules."""
     scenes = scenes_of(dynamics_of(appearance, rules), SCENES, start_share=0.1)
     assert len(scenes) == SCENES
@@ -31,25 +28,20 @@ def scenes_for(appearance: str, rules: str) -> list[Scene]:
 
 
 @BY_RULES
-def test_tower_mask__is_exact_for_every_action_of_many_scenes(rules: str):
-    dynamics = dynamics_of("tower", rules)
-    assert not [scene for scene in scenes_for("tower", rules) if wrong_actions(dynamics, scene)]
-
-
-@BY_RULES
-def test_scatter_mask__is_exact_for_every_action_of_some_scenes(rules: str):
-    dynamics = dynamics_of("scatter", rules)
-    scenes = random.Random(0).sample(scenes_for("scatter", rules), 15)
+@pytest.mark.parametrize(("appearance", "count"), [("tower", SCENES), ("scatter", 10)])
+def test_mask__is_exact_for_every_action(appearance, count, rules):
+    dynamics = dynamics_of(appearance, rules)
+    scenes = random.Random(0).sample(scenes_for(appearance, rules), count)
     assert not [scene for scene in scenes if wrong_actions(dynamics, scene)]
 
 
 @BY_RULES
 @pytest.mark.parametrize(
     ("grid", "scenes", "actions"),
-    [((38, 10), 5, 2000), ((76, 20), 5, 2000), ((19, 1), 20, 533), ((95, 4), 5, 2000), ((380, 100), 5, 4000)],
+    [((38, 10), 4, 1500), ((19, 1), 10, 533), ((95, 4), 4, 1500), ((380, 100), 3, 3000)],
     ids=str,
 )
-def test_scatter_mask__is_exact_on_other_grids(rules: str, grid: Grid, scenes: int, actions: int):
+def test_scatter_mask__is_exact_on_other_grids(rules, grid, scenes, actions):
     chance = random.Random(0)
     dynamics = dynamics_of("scatter", rules, grid)
     numbers = chance.sample(range(dynamics.appearance.action_count), actions)
@@ -61,8 +53,6 @@ def test_native_mask__counts_the_pixels_of_a_small_scene():
     native = Scatter((380, 100))
     item = Item(40, 40, Shape.SQUARE, Colour.BLUE, Size.MEDIUM)
     mask = native.legal_mask(Scene.empty().with_box(1, Box((item,))), RULE_SETS["paper"].placement)
-    removes = mask[native.action_count - 380 * 100 :].reshape(380, 100)
-    assert np.argwhere(removes).tolist() == [[140 + x, y] for x in range(40, 60) for y in range(40, 60)]
     small_squares = mask[1 : 1 + 380 * 100 * 27].reshape(380, 100, 3, 3, 3)[:, :, Shape.SQUARE, Colour.BLUE, Size.SMALL]
     # A small square has 91 x 91 places in a box; 29 x 29 of them overlap the medium one in the middle.
     assert [int(small_squares[x : x + 100].sum()) for x in (0, 140, 280)] == [8281, 8281 - 841, 8281]

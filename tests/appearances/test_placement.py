@@ -1,21 +1,17 @@
 """The shipped placement tables against shapely: every pair of footprints and offset, and random absolute positions."""
 
-from __future__ import annotations
-
+import math
 import random
-from functools import cache
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
-from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.scene.appearances import InvalidReason, Scatter
 from lilgym_mp.scene.appearances.scatter.geometry import (
     AREA_UNIT,
     FIRST_TOO_FAR,
@@ -31,19 +27,14 @@ from tests.appearances import reference
 
 FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
-OLDER_AT = (40, 40)  # not where the script puts it
-RANDOM_PLACEMENTS = 2_000
-OVERHANG = 4  # pixels that an older item may lie outside its box, as the release leaves some
 
 
-@cache
-def placed(footprint: int) -> NDArray[Any]:
-    """(69 * 69,) polygons of a footprint, by offset from OLDER_AT."""
-    x, y = OLDER_AT
+def placed(footprint, x, y):
+    """(69 * 69,) polygons of a footprint, by offset from a place."""
     return np.array([script.footprint_polygon(footprint, x + dx, y + dy) for dx in SPAN for dy in SPAN])
 
 
-def codes_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
+def codes_of(new, older):
     """(n,) clearance codes of polygons, two by two."""
     distances = shapely.distance(new, older)
     codes = np.minimum(np.trunc(distances).astype(np.int64) + 1, FIRST_TOO_FAR)
@@ -53,85 +44,51 @@ def codes_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
     return codes
 
 
-def moves_of(new: NDArray[Any], older: NDArray[Any]) -> NDArray[np.int64]:
+def moves_of(new, older):
     """(n, 2) how far the truncated nearest point of each new polygon is from that of its older one."""
     ends = np.trunc(shapely.get_coordinates(shapely.shortest_line(new, older))).reshape(-1, 2, 2)
     return (ends[:, 1] - ends[:, 0]).astype(np.int64)
 
 
-def item_of(footprint: int, x: int, y: int) -> Item:
+def item_of(footprint, x, y):
     return Item(x, y, Shape(footprint // 3), Colour.BLUE, Size(footprint % 3))
 
 
 @pytest.mark.parametrize("footprint", FOOTPRINTS)
-def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footprint: int):
+def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footprint):
     outline, side = script.footprint_polygon(footprint, 3, 7), FOOTPRINT_SIDES[footprint]
+    corners, area, centre_y = {
+        Shape.CIRCLE: (64, 8 * math.sin(math.pi / 32), 1 / 2),
+        Shape.SQUARE: (4, 1, 1 / 2),
+        Shape.TRIANGLE: (3, 1 / 2, 2 / 3),
+    }[Shape(footprint // 3)]
     assert outline.bounds == (3, 7, 3 + side, 7 + side)
-    points = shapely.get_coordinates(outline.exterior)[:-1]
-    match Shape(footprint // 3):
-        case Shape.CIRCLE:
-            assert len(points) == 64
-            assert np.hypot(*(points - (3 + side / 2, 7 + side / 2)).T) == pytest.approx(side / 2)
-        case Shape.SQUARE:
-            assert outline.area == side**2
-        case Shape.TRIANGLE:
-            assert {tuple(point) for point in points} == {(3 + side / 2, 7), (3, 7 + side), (3 + side, 7 + side)}
+    assert len(outline.exterior.coords) == corners + 1
+    assert outline.area == pytest.approx(area * side**2)
+    assert (outline.centroid.x, outline.centroid.y) == pytest.approx((3 + side / 2, 7 + centre_y * side))
 
 
 @pytest.mark.parametrize(
     "older_footprint", [pytest.param(each, marks=() if each % 4 == 0 else pytest.mark.long) for each in FOOTPRINTS]
 )
-def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_footprint: int):
-    tables, older = placement_tables(), item_of(older_footprint, *OLDER_AT)
-    outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, *OLDER_AT))
-    shapely.prepare(outlines[0])
-    places = [(OLDER_AT[0] + dx, OLDER_AT[1] + dy) for dx in SPAN for dy in SPAN]
+def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint):
+    x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it
+    tables, older = placement_tables(), item_of(older_footprint, x, y)
+    places = [(x + dx, y + dy) for dx in SPAN for dy in SPAN]
     for footprint in FOOTPRINTS:
-        codes = codes_of(placed(footprint), outlines)
-        assert [tables.closest(footprint, x, y, (older,))[0] for x, y in places] == codes.tolist()
+        codes = np.array([tables.closest(footprint, *place, (older,))[0] for place in places])
         near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
-        moves = [tables.move(footprint, *places[index], older, frame_x=0) for index in near]
-        assert np.array_equal(moves, moves_of(placed(footprint)[near], outlines[near]))
-
-
-def random_placements() -> list[tuple[int, int, int, Item]]:
-    """A footprint and position inside a box, and an item near it."""
-    chance = random.Random(0)
-    found: list[tuple[int, int, int, Item]] = []
-    while len(found) < RANDOM_PLACEMENTS:
-        footprint, other = chance.randrange(9), chance.randrange(9)
-        x, y = (chance.randint(0, 100 - FOOTPRINT_SIDES[footprint]) for _ in "xy")
-        # From four pixels beyond touching on the left or above to as much on the right or below.
-        older_x, older_y = (
-            place + chance.randint(-FOOTPRINT_SIDES[other] - 4, FOOTPRINT_SIDES[footprint] + 4) for place in (x, y)
-        )
-        last = 100 - FOOTPRINT_SIDES[other] + OVERHANG
-        if -OVERHANG <= older_x <= last and -OVERHANG <= older_y <= last:
-            found.append((footprint, x, y, item_of(other, older_x, older_y)))
-    return found
-
-
-def polygons(placements: list[tuple[int, int, int, Item]], frame_x: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """(n,) and (n,) the outlines of the new and of the older items, the box's left border at `frame_x`."""
-    new = [script.footprint_polygon(footprint, x + frame_x, y) for footprint, x, y, _ in placements]
-    older = [script.footprint_polygon(other.footprint, other.x + frame_x, other.y) for *_, other in placements]
-    return np.array(new), np.array(older)
-
-
-def test_random_positions__overlap_distance_and_move_equal_shapelys_in_every_box():
-    tables, placements = placement_tables(), random_placements()
-    codes = np.array([tables.closest(footprint, x, y, (older,))[0] for footprint, x, y, older in placements])
-    near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
-    assert len(near) > RANDOM_PLACEMENTS / 5
-    for frame_x in (0, BOX_PITCH, 2 * BOX_PITCH):
-        new, older = polygons(placements, frame_x)
-        assert np.array_equal(codes, codes_of(new, older))
-        moves = [tables.move(*placements[index], frame_x) for index in near]
-        assert np.array_equal(moves, moves_of(new[near], older[near]))
+        frame_x = BOX_PITCH * (footprint % 3)
+        outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, x + frame_x, y))
+        shapely.prepare(outlines[0])
+        new = placed(footprint, x + frame_x, y)
+        assert np.array_equal(codes, codes_of(new, outlines))
+        moves = [tables.move(footprint, *places[index], older, frame_x) for index in near]
+        assert np.array_equal(moves, moves_of(new[near], outlines[near]))
 
 
 @pytest.mark.parametrize("footprint", FOOTPRINTS)
-def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint: int):
+def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint):
     assert shape_area(footprint) / AREA_UNIT == pytest.approx(script.footprint_polygon(footprint, 0, 0).area, abs=1e-6)
     for width, height in ((1, 1), (20, 20), (10, 5), (20, 100)):
         table = cell_areas(width, height)[footprint]
@@ -142,13 +99,13 @@ def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint:
 
 
 @pytest.fixture(scope="module")
-def shipped() -> dict[str, NDArray[Any]]:
+def shipped():
     with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
         return dict(arrays)
 
 
 @pytest.mark.parametrize("footprint", [0, 4, 8])
-def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], footprint: int):
+def test_shipped_ties__equal_those_that_the_script_finds(shipped, footprint):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
     ends = shipped["tie_counts"].cumsum(dtype=int)
@@ -160,20 +117,18 @@ def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDAr
 
 @pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
 @pytest.mark.parametrize(("grid", "plays"), [((19, 5), 8), ((38, 10), 6), ((19, 1), 2), ((95, 20), 2)], ids=str)
-def test_random_play__every_edit_equals_shapelys(grid: tuple[int, int], plays: int, rules: PlacementRules):
+def test_random_play__every_edit_equals_shapelys(grid, plays, rules):
     scatter, chance, tried = Scatter(grid), random.Random(0), 0
     for _ in range(plays):
         box_index = chance.randrange(3)
-        items: list[Item] = []
+        items = []
         for _ in range(12):
             tried += 1
             items = checked_edit(scatter, rules, chance, box_index, items)
     assert tried == 12 * plays
 
 
-def checked_edit(
-    scatter: Scatter, rules: PlacementRules, chance: random.Random, box_index: int, items: list[Item]
-) -> list[Item]:
+def checked_edit(scatter, rules, chance, box_index, items):
     """The items after a random edit, which is done both ways and compared."""
     width, height = scatter.cell
     column, row = chance.randrange(100 // width), chance.randrange(100 // height)

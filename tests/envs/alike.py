@@ -1,8 +1,10 @@
-"""Random actions, task sets and compiled cores."""
+"""Random actions, compiled cores, and forks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -14,38 +16,51 @@ from lilgym_mp.envs.cores import Core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.observation import item_capacity
-from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.envs.rules import Dynamics, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
-STOP_SHARE, WILD_SHARE = 0.1, 0.05  # of random actions: STOP, and any at all; the others are legal
+STOP_SHARE, ANY_SHARE = 0.1, 0.05  # of random actions: STOP, and any at all; the others are legal
 CORES = {"tower": TowerCore, "scatter": ScatterCore}
 
 
 def random_actions(masks: BoolArray, generator: np.random.Generator) -> Int64Array:
     """(N,) mostly legal actions for masks (N, actions)."""
-    actions: list[int] = []
-    for mask in masks:
-        chance = generator.random()
-        if chance < STOP_SHARE:
-            actions.append(0)
-        elif chance < STOP_SHARE + WILD_SHARE:
-            actions.append(int(generator.integers(len(mask))))
-        else:
-            actions.append(int(generator.choice(np.flatnonzero(mask))))
-    return np.array(actions)
-
-
-def task_set(tasks: Sequence[Task]) -> TaskSet:
-    return TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+    legal = [generator.choice(np.flatnonzero(mask)) for mask in masks]
+    count, actions = masks.shape
+    kinds = generator.random(count)
+    edits = np.where(kinds < STOP_SHARE + ANY_SHARE, generator.integers(actions, size=count), legal)
+    return np.where(kinds < STOP_SHARE, 0, edits)
 
 
 def started_core(appearance: str, tasks: Sequence[Task], horizon: int = 100) -> tuple[Core, Buffers]:
     """A compiled core in which each environment has begun one of the tasks, and its buffers."""
-    dynamics = make_dynamics(make_appearance(appearance), "paper", horizon)
-    actions, capacity = dynamics.appearance.action_count, item_capacity(tasks, dynamics)
-    buffers = Buffers.new(buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP))
-    core = CORES[appearance](dynamics, tasks, buffers, "half")
+    core, buffers = compiled_core(make_dynamics(make_appearance(appearance), "paper", horizon), tasks)
     core.start(np.arange(len(tasks)), np.arange(len(tasks)))
     return core, buffers
+
+
+def compiled_core(dynamics: Dynamics, tasks: Sequence[Task]) -> tuple[Core, Buffers]:
+    """A compiled core with an environment for each task, and its buffers."""
+    actions, capacity = dynamics.appearance.action_count, item_capacity(tasks, dynamics)
+    buffers = Buffers.new(buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP))
+    own = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+    return CORES[dynamics.appearance.name](dynamics, own, buffers, "half"), buffers
+
+
+def in_fork(use: Callable[[], object]) -> str:
+    """What a function gives, or raises, in a forked child, as `repr` shows it."""
+    hear, tell = multiprocessing.Pipe(duplex=False)
+
+    def tried() -> None:
+        try:
+            tell.send(repr(use()))
+        except BaseException as fault:
+            tell.send(repr(fault))
+        os._exit(0)
+
+    child = multiprocessing.get_context("fork").Process(target=tried)
+    child.start()
+    child.join()
+    return hear.recv()

@@ -1,9 +1,5 @@
 """A corpus of two statements whose episodes can be followed by hand."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from lilgym_mp.corpus import write_corpus
@@ -11,7 +7,7 @@ from tests.corpora import BLUE, ROUND
 
 
 @pytest.fixture(scope="session")
-def own_corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def own_corpus(tmp_path_factory):
     """Tower: "Blue is here." (starts blue-yes, blue-no). Scatter: "Something round." (starts round-yes, round-no)."""
     path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
     write_corpus(path, "own", "MIT", [BLUE, ROUND])

@@ -1,12 +1,7 @@
-from __future__ import annotations
-
 import copy
 import pickle
 import sys
 import tracemalloc
-from collections.abc import Callable
-from pathlib import Path
-from types import FrameType
 
 import gymnasium as gym
 import numpy as np
@@ -23,17 +18,13 @@ IDS = [f"lilgym_mp/{appearance}{start}-v0" for appearance in ("Tower", "Scatter"
 TOWER, SCATTER = IDS[0], IDS[3]
 
 
-def singles(id: str, count: int, mode: AutoresetMode, **settings: object) -> SyncVectorEnv:
-    return SyncVectorEnv([lambda: gym.make(id, **settings)] * count, autoreset_mode=mode)
-
-
-def batch(id: str, count: int, mode: AutoresetMode = AutoresetMode.NEXT_STEP, **settings: object) -> BatchedEnv:
+def batch(id, count, mode=AutoresetMode.NEXT_STEP, **settings):
     env = gym.make_vec(id, num_envs=count, autoreset_mode=mode, **settings)
     assert isinstance(env, BatchedEnv)
     return env
 
 
-def test_no_copy__every_step_returns_the_same_image_buffer() -> None:
+def test_no_copy__every_step_returns_the_same_image_buffer():
     env = batch(TOWER, 2, copy=False)
     first = env.reset(seed=0)[0]["image"]
     before = first.copy()
@@ -42,7 +33,7 @@ def test_no_copy__every_step_returns_the_same_image_buffer() -> None:
     assert not np.array_equal(first, before)
 
 
-def test_reset__accepts_one_task_for_all_environments_or_one_each() -> None:
+def test_reset__accepts_one_task_for_all_environments_or_one_each():
     env = batch(SCATTER, 3)
     ids = env.evaluation_tasks()
     env.reset(options={"task": ids[4]})
@@ -52,7 +43,7 @@ def test_reset__accepts_one_task_for_all_environments_or_one_each() -> None:
     assert len({state.task.id for state in env.states()}) == 3
 
 
-def test_seeds__of_a_list_or_array_go_to_the_environments_in_order() -> None:
+def test_seeds__of_a_list_or_array_go_to_the_environments_in_order():
     env, other = batch(TOWER, 4), batch(TOWER, 4)
     assert_same(env.reset(seed=[8, 9, 10, 11]), other.reset(seed=8))
     assert env.np_random_seed == (8, 9, 10, 11)
@@ -61,37 +52,18 @@ def test_seeds__of_a_list_or_array_go_to_the_environments_in_order() -> None:
     assert env.np_random_seed == (3, 4, 5, 6)
 
 
-@pytest.mark.parametrize("seed", [-1, [1.5] * 4, ["a"] * 4, [0, 1, 2, -3], 1.5, True, "abcd", [[1], 2, 3, 4]])
-def test_seeds__an_invalid_one_changes_no_state(seed: object) -> None:
-    env, other = batch(TOWER, 4), batch(TOWER, 4)
-    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
-        env.reset(seed=seed)
-    assert env.np_random_seed == (None,) * 4
-    with pytest.raises(gym.error.ResetNeeded, match="call reset first"):
-        env.step(np.zeros(4, np.int64))
-    for played in (env, other):
-        played.reset(seed=7)
-        played.step(np.arange(4))
-    with pytest.raises(ValueError, match="a seed must be"):
-        env.reset(seed=seed)
-    assert_same(env.step(np.arange(4)), other.step(np.arange(4)))
-    assert_same(env.reset(), other.reset())
-
-
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-@pytest.mark.parametrize("id", [TOWER, SCATTER])
-def test_copy_and_pickle__are_refused(id: str, copied: Callable[[object], object]) -> None:
-    env = batch(id, 3)
-    env.reset(seed=0)
-    with pytest.raises(TypeError, match="a BatchedEnv cannot be pickled or copied"):
-        copied(env)
+def test_copy_and_pickle__are_refused(copied):
+    with pytest.raises(TypeError, match="BatchedEnv"):
+        copied(batch(TOWER, 3))
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-@pytest.mark.parametrize("count", [1, 7, 64])
-def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> None:
+@pytest.mark.parametrize(
+    ("mode", "count"), [(AutoresetMode.NEXT_STEP, 1), (AutoresetMode.NEXT_STEP, 64), (AutoresetMode.SAME_STEP, 7)]
+)
+def test_evaluation__visits_every_task_once(mode, count):
     env = batch("lilgym_mp/TowerFlipIt-v0", count, mode, split="dev", evaluation=True)
-    visited: list[str] = []
+    visited = []
     _, infos = env.reset(seed=0)
     current = infos["task"].copy()
     while not env.evaluation_finished:
@@ -107,7 +79,7 @@ def test_evaluation__visits_every_task_once(mode: AutoresetMode, count: int) -> 
     assert not env.evaluation_finished
 
 
-def test_scene_array__holds_the_items_of_each_box() -> None:
+def test_scene_array__holds_the_items_of_each_box():
     env = batch("lilgym_mp/ScatterFlipIt-v0", 3)
     env.reset(seed=2)
     for array, state in zip(env.scene_array(), env.states(), strict=True):
@@ -115,10 +87,10 @@ def test_scene_array__holds_the_items_of_each_box() -> None:
             assert [tuple(slot) for slot in slots if slot[0] >= 0] == [tuple(item) for item in box.items]
 
 
-def test_render__equals_frames_of_single_environments() -> None:
+def test_render__equals_frames_of_single_environments():
     mode = AutoresetMode.DISABLED
     ours = batch(TOWER, 2, mode, render_mode="rgb_array")
-    theirs = singles(TOWER, 2, mode, render_mode="rgb_array")
+    theirs = SyncVectorEnv([lambda: gym.make(TOWER, render_mode="rgb_array")] * 2, autoreset_mode=mode)
     for actions in (None, np.array([1, 2]), np.array([10, 0])):
         for env in (ours, theirs):
             env.reset(seed=4) if actions is None else env.step(actions)
@@ -130,15 +102,15 @@ def test_render__equals_frames_of_single_environments() -> None:
 @pytest.mark.parametrize(
     ("actions", "message"),
     [
-        ([0, 0], "actions must be 3 whole numbers, one for each environment, not int64 of shape \\(2,\\)"),
-        ([0.0, 1.0, 2.0], "not float64 of shape \\(3,\\)"),
-        ([0, 13, 0], "action 13 of environment 1 is out of range; choose from 0 .. 12"),
-        ([0, 0, -1], "action -1 of environment 2 is out of range"),
+        ([0, 0], r"3 whole numbers, one for each environment, not int64 of shape \(2,\)"),
+        ([0.0, 1.0, 2.0], r"not float64 of shape \(3,\)"),
+        ([0, 13, 0], "13 of environment 1 is out of range; choose from 0 .. 12"),
+        ([0, 0, -1], "-1 of environment 2"),
         ([True, False, True], "not bool"),
-        ("STOP", "not <U4 of shape \\(\\)"),
+        ("STOP", "not <U4"),
     ],
 )
-def test_step__invalid_actions_are_refused(actions: object, message: str) -> None:
+def test_step__invalid_actions_are_refused(actions, message):
     env = batch(TOWER, 3)
     env.reset(seed=0)
     before = env.states()
@@ -147,7 +119,7 @@ def test_step__invalid_actions_are_refused(actions: object, message: str) -> Non
     assert env.states() == before
 
 
-def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
+def test_step__ignores_the_action_of_an_environment_about_to_be_reset():
     env = batch(TOWER, 2)
     env.reset(seed=0)
     env.step(np.array([0, 1]))
@@ -155,7 +127,7 @@ def test_step__ignores_the_action_of_an_environment_about_to_be_reset() -> None:
     assert (rewards[0], terminated[0], infos["_task"].tolist()) == (0.0, False, [True, False])
 
 
-def test_observation_space__equals_gymnasiums_in_constant_memory() -> None:
+def test_observation_space__equals_gymnasiums_in_constant_memory():
     env = BatchedEnv(5, appearance="tower", start="scratch")
     image = env.observation_space["image"]
     assert image == batch_space(env.single_observation_space["image"], 5)
@@ -164,14 +136,14 @@ def test_observation_space__equals_gymnasiums_in_constant_memory() -> None:
     assert image.sample().shape == (5, 50, 190, 3)
 
 
-def test_step__needs_a_reset_first() -> None:
+def test_step__needs_a_reset_first():
     env = batch(TOWER, 2)
     for call in (lambda: env.step(np.zeros(2, int)), env.action_masks, env.goal_reached, env.states):
-        with pytest.raises(gym.error.ResetNeeded, match="call reset first"):
+        with pytest.raises(gym.error.ResetNeeded):
             call()
 
 
-def test_step__without_autoreset_names_the_ended_environments() -> None:
+def test_step__without_autoreset_names_the_ended_environments():
     env = batch(TOWER, 3, AutoresetMode.DISABLED)
     env.reset(seed=0)
     env.step(np.array([1, 0, 0]))
@@ -182,15 +154,14 @@ def test_step__without_autoreset_names_the_ended_environments() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"num_envs": 0}, "num_envs must be a positive whole number, not 0"),
-        ({"num_envs": 1.5}, "not 1.5"),
-        ({"autoreset_mode": "Never"}, "unknown autoreset_mode 'Never'; choose from Disabled, NextStep, SameStep"),
+        ({"num_envs": 0}, "not 0"),
+        ({"autoreset_mode": "Never"}, "'Never'; choose from Disabled, NextStep, SameStep"),
         ({"copy": "x"}, "copy must be True or False, not 'x'"),
         ({"evaluation": "x"}, "evaluation must be True or False, not 'x'"),
-        ({"render_mode": "human"}, "unknown render_mode 'human'; choose from ansi, rgb_array"),
+        ({"render_mode": "human"}, "'human'; choose from ansi, rgb_array"),
     ],
 )
-def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+def test_make__names_the_value_and_the_choices(settings, message):
     with pytest.raises(ValueError, match=message):
         BatchedEnv(**{"num_envs": 2, "appearance": "tower", "start": "scratch", **settings})
 
@@ -198,19 +169,16 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, object], mess
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"seed": [1, 2]}, "seed must be one number or 3, one for each environment, not 2"),
-        ({"options": {"tasks": "x"}}, "unknown reset options \\['tasks'\\]; choose from reset_mask, task"),
-        ({"options": {"task": "no-such"}}, "no task 'no-such'"),
-        ({"options": {"task": ["a"]}}, "task must be one id or 3"),
-        ({"options": {"task": []}}, "task must be one id or 3, one for each environment, not 0"),
-        ({"options": {"task": 5.5}}, "no task 5.5 in"),
-        ({"options": {"task": [[], 1, None]}}, "no task \\[\\] in"),
-        ({"options": [1]}, "reset options must be a mapping such as {'task': id}, not \\[1\\]"),
+        ({"seed": [1, 2]}, "one number or 3, one for each environment, not 2"),
+        ({"seed": [1, 2, 1.5]}, "whole number, 0 or larger, not 1.5"),
+        ({"options": {"tasks": "x"}}, r"\['tasks'\]; choose from reset_mask, task"),
+        ({"options": {"task": []}}, "one id or 3, one for each environment, not 0"),
+        ({"options": {"task": [[], 1, None]}}, r"no task \[\] in"),
         ({"options": {"reset_mask": np.zeros(3, bool)}}, "reset_mask selects no environment"),
-        ({"options": {"reset_mask": [True, False, True]}}, "reset_mask must be a bool array of shape \\(3,\\)"),
+        ({"options": {"reset_mask": [True, False, True]}}, r"bool array of shape \(3,\)"),
     ],
 )
-def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) -> None:
+def test_reset__names_what_is_wrong(arguments, message):
     env = batch(TOWER, 3)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=message):
@@ -218,46 +186,44 @@ def test_reset__names_what_is_wrong(arguments: dict[str, object], message: str) 
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_masked_reset__has_infos_of_the_reset_alone(mode: AutoresetMode) -> None:
-    infos = []
-    for env in (batch(TOWER, 2, mode), singles(TOWER, 2, mode)):
-        env.reset(seed=0)
-        env.step(np.zeros(2, np.int64))
-        infos.append(env.reset(options={"reset_mask": np.array([True, False])})[1])
-    assert infos[0].keys() == infos[1].keys() == {"task", "_task"}
-    assert_same(*infos)
+def test_masked_reset__has_infos_of_the_reset_alone(mode):
+    env = batch(TOWER, 2, mode)
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.int64))
+    _, infos = env.reset(options={"reset_mask": np.array([True, False])})
+    assert infos.keys() == {"task", "_task"}
+    assert infos["_task"].tolist() == [True, False]
 
 
-def test_batched__does_not_leak_memory_over_a_long_run(own_corpus: Path) -> None:
+def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
     env = batch(SCATTER, 16, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)
     generator = np.random.default_rng(0)
 
-    def play(steps: int) -> None:
+    def play(steps):
         for _ in range(steps):
             env.step(random_actions(env.action_masks(), generator))
 
-    play(100)
-    tracemalloc.start()
     play(50)
+    tracemalloc.start()
+    play(30)
     first = tracemalloc.get_traced_memory()[0]
-    play(150)
+    play(60)
     growth = tracemalloc.get_traced_memory()[0] - first
     tracemalloc.stop()
-    assert growth < 1_000_000
+    assert growth < 400_000
 
 
-@pytest.mark.parametrize("id", [TOWER, SCATTER])
-@pytest.mark.parametrize("count", [4, 64])
-def test_step__reads_no_enum_attributes_so_that_numpy_cannot_swallow_an_interrupt(id: str, count: int) -> None:
+@pytest.mark.parametrize(("id", "count"), [(TOWER, 4), (TOWER, 9), (SCATTER, 9)])
+def test_step__reads_no_enum_attributes_so_that_numpy_cannot_swallow_an_interrupt(id, count):
     env = batch(id, count)
     env.reset(seed=0)
     generator = np.random.default_rng(0)
     actions = [random_actions(env.action_masks(), generator) for _ in range(3)]
     env.step(actions[0])  # programs are compiled now
-    asked: list[str] = []
+    asked = []
 
-    def note(frame: FrameType, event: str, _: object) -> None:
+    def note(frame, event, _):
         if event == "call" and frame.f_code.co_name == "__getattr__" and frame.f_code.co_filename.endswith("enum.py"):
             asked.append(str(frame.f_locals.get("name")))
 

@@ -1,12 +1,10 @@
 """`EnvConfig`: what derives from the fields of an environment."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -94,7 +92,7 @@ def test_new_field__is_one_edit(tmp_path):
 
 
 @pytest.mark.parametrize("grid", [(38, 10), "native"])
-def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
+def test_json__is_read_back_as_it_was_written(grid):
     config = EnvConfig("lilgym_mp/ScatterFlipIt-v0", rules="release", horizon=5, grid=grid)
     written = config.to_json()
     assert EnvConfig.from_json(json.loads(json.dumps(written))) == config
@@ -103,36 +101,27 @@ def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
 
 @pytest.mark.parametrize(
     ("wrong", "error"),
-    [
-        ({"rules": 3}, "unknown rules 3"),
-        ({"corpus": 3}, "os.PathLike"),
-        ({"horizon": "9"}, "horizon must be a positive whole number"),
-        ({"grid": [20, 5]}, "straddle a separator"),
-        ({"gravity": 1}, "gravity"),
-    ],
+    [({"rules": 3}, "unknown rules 3"), ({"corpus": 3}, "os.PathLike"), ({"gravity": 1}, "gravity")],
 )
-def test_json__with_wrong_values_is_refused(wrong: dict[str, object], error: str):
+def test_json__with_wrong_values_is_refused(wrong, error):
     with pytest.raises((ValueError, TypeError), match=error):
         EnvConfig.from_json({**EnvConfig("TowerScratch").to_json(), **wrong})
 
 
-def test_corpus__a_relative_path_is_absolute_from_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_corpus__a_relative_path_is_absolute_from_the_start(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert EnvConfig("TowerScratch", "own.jsonl").corpus == str(tmp_path / "own.jsonl")
-    assert EnvConfig("TowerScratch", Path("~/own.jsonl")).corpus == str(tmp_path / "home" / "own.jsonl")  # pyright: ignore[reportArgumentType]
+    assert EnvConfig("TowerScratch", Path("~/own.jsonl")).corpus == str(tmp_path / "home" / "own.jsonl")
     for name in ("builtin", "lilgym", "builtin:form", "generated:1:0"):
         assert EnvConfig("TowerScratch", name).corpus == name
 
 
-@pytest.mark.parametrize(
-    "command", [["train", "ppo", "TowerScratch"], ["evaluate"], ["bench"], ["train", "parse-and-plan"]]
-)
-def test_options__a_tilde_is_the_home_directory(command: list[str], monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("command", ["train ppo TowerScratch", "evaluate", "train parse-and-plan"])
+def test_options__a_tilde_is_the_home_directory(command, monkeypatch):
     monkeypatch.setenv("HOME", "/somewhere")
-    args = parse_args([*command, "--corpus=~/own.jsonl", *([] if command == ["bench"] else ["--out=~/x"])])
-    assert args.corpus == "/somewhere/own.jsonl"
-    assert command == ["bench"] or args.out == Path("/somewhere/x")
+    args = parse_args([*command.split(), "--corpus=~/own.jsonl", "--out=~/x"])
+    assert (args.corpus, args.out) == ("/somewhere/own.jsonl", Path("/somewhere/x"))
 
 
 WORDS = Vocabulary(("a", "box", "block"))
@@ -142,7 +131,7 @@ def test_spec__from_json_makes_the_same_environment():
     arrays = gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60)
     wrapped = TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60)
     for env in (arrays, wrapped):
-        again = gym.make(EnvSpec.from_json(env.spec.to_json()))  # pyright: ignore[reportOptionalMemberAccess]
+        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
         assert again.observation_space == env.observation_space
         assert again.get_wrapper_attr("vocabulary") == WORDS
 
@@ -151,14 +140,12 @@ def test_spec__from_json_makes_the_same_environment():
     "make",
     [
         gym.make,
-        lambda id, **given: gym.make_vec(id, num_envs=2, **given),
-        lambda id, **given: WorkerVectorEnv(id, 2, 1, **given),
+        partial(gym.make_vec, num_envs=2),
+        partial(WorkerVectorEnv, num_envs=2, num_workers=1),
         lambda id, corpus, vocabulary, observation: TokenizedStatement(gym.make(id, corpus=corpus), vocabulary),
     ],
 )
-def test_spec__of_relative_paths_is_the_same_in_another_directory(
-    make: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_spec__of_relative_paths_is_the_same_in_another_directory(make, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_own_corpus(tmp_path / "own.jsonl")
     WORDS.save("words.json")
@@ -173,13 +160,13 @@ def test_spec__of_relative_paths_is_the_same_in_another_directory(
 
 def test_spec__of_workers_keeps_the_render_mode():
     envs = WorkerVectorEnv("lilgym_mp/TowerScratch-v0", 2, 1, render_mode="rgb_array")
-    assert gym.make_vec(envs.spec).render_mode == "rgb_array"  # pyright: ignore[reportArgumentType]
+    assert gym.make_vec(envs.spec).render_mode == "rgb_array"
 
 
 def test_vocabulary__of_batches_can_be_read():
     batch = gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, observation="arrays", vocabulary=WORDS, length=60)
-    assert batch.unwrapped.vocabulary == WORDS  # pyright: ignore[reportAttributeAccessIssue]
+    assert batch.unwrapped.vocabulary == WORDS
     wrapped = tokenized_statement_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), WORDS, 60)
     assert wrapped.vocabulary == action_mask_v0(wrapped).vocabulary == WORDS
     with pytest.raises(AttributeError, match="TokenizedStatement"):
-        _ = gym.make("lilgym_mp/TowerScratch-v0").unwrapped.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
+        _ = gym.make("lilgym_mp/TowerScratch-v0").unwrapped.vocabulary

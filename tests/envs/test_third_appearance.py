@@ -1,17 +1,13 @@
 """An appearance that the package does not have, made of the protocol alone: what plays it, and what refuses it."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lilgym_mp import testing
 from lilgym_mp.cli import main
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.generator.pairs import TEMPLATES
 from lilgym_mp.corpus.generator.tower import TowerStatements
@@ -24,13 +20,13 @@ from tests.envs.lamps import NAME, Lamps
 
 
 @pytest.fixture(autouse=True)
-def known(monkeypatch: pytest.MonkeyPatch) -> None:
+def known(monkeypatch):
     """The new appearance is known for the time of the test."""
     monkeypatch.setitem(appearances.APPEARANCES, NAME, lambda grid: Lamps())
 
 
 @pytest.fixture
-def corpus(tmp_path: Path) -> str:
+def corpus(tmp_path):
     """A corpus of the new appearance."""
     lamp = {"x_loc": 40, "y_loc": 40, "type": "circle", "color": "Yellow", "size": 20}
     entries = [
@@ -44,47 +40,36 @@ def corpus(tmp_path: Path) -> str:
         }
         for count, word, split in ((2, "two", "train"), (3, "three", "train"), (1, "one", "dev"))
     ]
-    path = tmp_path / "lamps.jsonl"
-    header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
-    path.write_text("\n".join(json.dumps(line) for line in (header, *entries)) + "\n")
-    return str(path)
+    write_corpus(tmp_path / "lamps.jsonl", "lamps", "MIT", entries)
+    return str(tmp_path / "lamps.jsonl")
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_third_appearance__keeps_the_contracts_single_and_batched(corpus: str, start: str):
-    settings: Any = {"appearance": NAME, "start": start, "corpus": corpus}
+def test_third_appearance__keeps_the_contracts_single_and_batched(corpus, start):
+    settings = {"appearance": NAME, "start": start, "corpus": corpus}
     testing.check_env(lambda: LilGymEnv(**settings))
     testing.check_vector_env(partial(BatchedEnv, **settings), lambda: LilGymEnv(**settings), num_envs=16, steps=20)
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_third_appearance__works_in_the_two_agent_game(corpus: str, protocol: str):
+def test_third_appearance__works_in_the_two_agent_game(corpus, protocol):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
-    from lilgym_mp.envs.proposer_verifier import parallel_env
+    from lilgym_mp.envs.proposer_verifier import BatchedGames, parallel_env
 
-    game = parallel_env(appearance=NAME, start="scratch", corpus=corpus, protocol=protocol)
-    observations, _ = game.reset(options={"task": "2"})
-    rewards: dict[str, float] = {}
-    while game.agents:
-        lit = sum(bool(box.items) for box in game.scene.boxes)
-        wanted = {"proposer_0": lit + 1 if lit < 2 else 0, "verifier_0": int(protocol == "veto" or lit == 2)}
-        masks = {agent: observation["action_mask"] for agent, observation in observations.items()}
-        actions = {agent: want if masks[agent][want] else int(masks[agent].argmax()) for agent, want in wanted.items()}
-        observations, rewards, *_ = game.step(actions)
-    assert rewards["proposer_0"] > 0
+    settings = {"appearance": NAME, "start": "scratch", "corpus": corpus, "protocol": protocol}
+    testing.check_batched_games(partial(BatchedGames, **settings), partial(parallel_env, **settings), steps=20)
 
 
 def test_third_appearance__is_refused_by_expert_and_generator():
-    with pytest.raises(ValueError, match=r"appearance 'lamps' has no expert; those that have one: scatter, tower"):
+    with pytest.raises(ValueError, match=r"'lamps' has no expert; those that have one: scatter, tower"):
         Solver(make_dynamics(Lamps()))
     with pytest.raises(ValueError, match="no generator of statements; those that have one: scatter, tower"):
         next(training_pairs(NAME, 0))
-    for start in ("scratch", "flipit"):
-        with pytest.raises(ValueError, match=r"'lamps' has no generator of statements"):
-            load_tasks("generated:1", NAME, start, "train")
+    with pytest.raises(ValueError, match=r"'lamps' has no generator of statements"):
+        load_tasks("generated:1", NAME, "scratch", "train")
 
 
-def test_data_generate__offers_an_appearance_that_has_statements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_data_generate__offers_an_appearance_that_has_statements(tmp_path, monkeypatch):
     monkeypatch.setitem(appearances.APPEARANCES, "blocks", "lilgym_mp.scene.appearances.tower.rules:make_tower")
     monkeypatch.setitem(TEMPLATES, "blocks", TowerStatements)
     out = tmp_path / "blocks.jsonl"
@@ -93,7 +78,7 @@ def test_data_generate__offers_an_appearance_that_has_statements(tmp_path: Path,
     assert [json.loads(line)["appearance"] for line in out.read_text().splitlines()[1:]] == ["blocks", "blocks"]
 
 
-def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):
+def test_third_appearance__is_unknown_unless_registered(monkeypatch):
     monkeypatch.delitem(appearances.APPEARANCES, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         LilGymEnv(appearance=NAME)

@@ -1,20 +1,15 @@
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.envs import shared_memory
 from lilgym_mp.envs.engine import Engine, ResetRequest
@@ -23,7 +18,6 @@ from lilgym_mp.envs.processes import checked_worker_count
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
-from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 STARTED = ("forkserver", "spawn")  # start methods of new interpreters
@@ -46,11 +40,7 @@ if __name__ == "__main__":
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
 
-def batch(id: str, count: int, mode: AutoresetMode, **settings: object) -> gym.vector.VectorEnv:
-    return gym.make_vec(id, num_envs=count, autoreset_mode=mode, **settings)
-
-
-def is_running(pid: int) -> bool:
+def is_running(pid):
     """False for a process that has ended, be it still in the table."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
@@ -59,30 +49,30 @@ def is_running(pid: int) -> bool:
     return state != "Z"
 
 
-def assert_gone(pids: tuple[int, ...], seconds: float = 10.0) -> None:
+def assert_gone(pids, seconds=10.0):
     end = time.monotonic() + seconds
     while any(map(is_running, pids)) and time.monotonic() < end:
         time.sleep(0.02)
     assert not [pid for pid in pids if is_running(pid)]
 
 
-def step_on(env: WorkerVectorEnv) -> None:
+def step_on(env):
     """A few steps: a worker may die just after it has carried out one."""
     for _ in range(3):
         env.step(np.zeros(env.num_envs, np.int64))
 
 
 @pytest.fixture(scope="module")
-def compiled() -> None:
+def compiled():
     """Loads compiled code before workers are forked: on a busy machine that takes longer than a timeout of theirs."""
-    env = batch(SCATTER, 8, AutoresetMode.NEXT_STEP)
+    env = gym.make_vec(SCATTER, num_envs=8)
     env.reset(seed=0)
     env.step(np.zeros(8, np.int64))
     env.close()
 
 
 @pytest.fixture
-def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
+def workers(compiled):
     env = WorkerVectorEnv(SCATTER, 8, 3, start_method="fork", timeout_seconds=2.0)
     env.reset(seed=0)
     env.step(np.zeros(8, np.int64))
@@ -91,53 +81,40 @@ def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
 
 
 @pytest.mark.parametrize("copied", [True, False])
-def test_workers__show_states_tasks_and_masks_as_one_batch_does(copied: bool) -> None:
-    settings: Any = {"autoreset_mode": AutoresetMode.SAME_STEP, "copy": copied}
-    ours = WorkerVectorEnv(SCATTER, 5, 2, start_method="fork", **settings)
-    theirs: Any = gym.make_vec(SCATTER, num_envs=5, **settings)
-    generator = np.random.default_rng(0)
-    assert_same(ours.reset(seed=5), theirs.reset(seed=5))
-    for _ in range(20):
-        actions = random_actions(theirs.action_masks(), generator)
-        assert_same(ours.step(actions), theirs.step(actions))
-        assert ours.states() == theirs.states()
-        for name in ("scene_array", "action_masks", "goal_reached"):
-            assert_same(getattr(ours, name)(), getattr(theirs, name)())
-        assert_same(ours.task_indices, theirs.task_indices)
-    ours.close()
+def test_workers__show_scenes_and_tasks_as_one_batch_does(copied):
+    theirs = gym.make_vec(SCATTER, num_envs=5, copy=copied)
+    with closing(WorkerVectorEnv(SCATTER, 5, 2, start_method="fork", copy=copied)) as ours:
+        assert_same(ours.reset(seed=5), theirs.reset(seed=5))
+        for actions in np.arange(20).reshape(4, 5):
+            assert_same(ours.step(actions), theirs.step(actions))
+            assert_same(ours.scene_array(), theirs.scene_array())
+            assert_same(ours.task_indices, theirs.task_indices)
 
 
-def test_copies__any_number_can_be_kept() -> None:
-    env = WorkerVectorEnv(SCATTER, 4, 2, start_method="fork")
-    kept = [env.reset(seed=0)[0]["image"]]
-    parts: list[np.ndarray] = []  # views of images that nobody else holds
-    expected: list[np.ndarray] = [kept[0].copy()]
-    for step in range(1, 9):
-        image = env.step(np.full(4, 28 * step))[0]["image"]
-        expected.append(image.copy())
-        kept.append(image) if step % 2 else parts.append(image[1:][:2, 5:])
-    for number, image in enumerate(kept[1:]):
-        assert np.array_equal(image, expected[2 * number + 1])
-    for number, part in enumerate(parts):
-        assert np.array_equal(part, expected[2 * number + 2][1:][:2, 5:])
-    kept[0][:] = 7
-    assert not (env.step(np.ones(4, np.int64))[0]["image"] == 7).any()
-    env.close()
-    assert np.array_equal(kept[1], expected[1])
+def test_copies__any_number_and_views_of_them_can_be_kept():
+    kept = []  # every second a view of an image that nobody else holds
+    with closing(WorkerVectorEnv(SCATTER, 4, 2, start_method="fork")) as env:
+        first = env.reset(seed=0)[0]["image"]
+        copies = []
+        for step in range(8):
+            image = env.step(np.full(4, 28 * step + 28))[0]["image"]
+            kept.append(image if step % 2 else image[1:][:2, 5:])
+            copies.append(kept[-1].copy())
+        first[:] = 7
+        assert not (env.step(np.ones(4, np.int64))[0]["image"] == 7).any()
+    assert_same(kept, copies)
 
 
-def test_workers__evaluate_every_task_once() -> None:
-    env = WorkerVectorEnv(TOWER, 6, 3, start_method="fork", split="dev", evaluation=True)
-    seen = list(env.reset()[1]["task"])
-    while not env.evaluation_finished:
-        infos = env.step(np.zeros(6, np.int64))[4]
-        seen += [task for task in infos.get("task", ()) if task is not None]
-    assert set(seen) == set(env.evaluation_tasks())
-    env.close()
+def test_workers__evaluate_every_task_once():
+    with closing(WorkerVectorEnv(TOWER, 6, 3, start_method="fork", split="dev", evaluation=True)) as env:
+        seen = set(env.reset()[1]["task"])
+        while not env.evaluation_finished:
+            seen |= set(env.step(np.zeros(6, np.int64))[4].get("task", ()))
+        assert seen - {None} == set(env.evaluation_tasks())
 
 
 @pytest.mark.parametrize("start_method", ["fork", *(pytest.param(each, marks=pytest.mark.long) for each in STARTED)])
-def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None:
+def test_a_worker_that_dies__is_named_with_its_signal(start_method):
     env = WorkerVectorEnv(TOWER, 6, 3, start_method=start_method)
     env.reset(seed=0)
     pids = env.worker_pids
@@ -150,7 +127,7 @@ def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None
 
 
 @pytest.mark.long
-def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEnv) -> None:
+def test_a_worker_that_hangs__is_named_after_the_timeout(workers):
     pids = workers.worker_pids
     os.kill(pids[0], signal.SIGSTOP)
     begun = time.monotonic()
@@ -160,17 +137,15 @@ def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEn
     assert_gone(pids)
 
 
-def test_a_worker_that_raises__passes_on_its_traceback(workers: WorkerVectorEnv) -> None:
-    pids = workers.worker_pids
-    no_such_task = len(workers._indexed)
-    workers._buffers.action[:] = 0
+def test_a_worker_that_raises__passes_on_its_traceback(workers):
+    pids, no_such_task = workers.worker_pids, len(workers._indexed)
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
         workers._everywhere(Engine.reset, ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], True))
     assert_gone(pids)
 
 
-def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) -> None:
-    def interrupted(env_ids: object) -> None:
+def test_an_interrupt_in_the_caller__ends_the_workers(workers):
+    def interrupted(env_ids):
         raise KeyboardInterrupt
 
     workers._engine.core.step = interrupted
@@ -185,15 +160,12 @@ def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) 
     [
         ("Ctrl-C", "fork"),
         ("SIGTERM", "fork"),
-        ("killed", "spawn"),
-        ("exception", "forkserver"),
-        *(
-            pytest.param(*each, marks=pytest.mark.long)
-            for each in (("Ctrl-C", "forkserver"), ("Ctrl-C", "spawn"), ("killed", "fork"), ("killed", "forkserver"))
-        ),
+        ("exception", "fork"),
+        pytest.param("killed", "spawn", marks=pytest.mark.long),
+        pytest.param("Ctrl-C", "forkserver", marks=pytest.mark.long),
     ],
 )
-def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how: str, start_method: str) -> None:
+def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path, how, start_method):
     script = tmp_path / "loop.py"
     script.write_text(LOOP)
     before = set(os.listdir("/dev/shm"))
@@ -222,7 +194,7 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path: Path, how
         assert complaint.strip().splitlines()[-1].startswith("OSError" if how == "exception" else "KeyboardInterrupt")
 
 
-def test_workers__work_in_an_interactive_session() -> None:
+def test_workers__work_in_an_interactive_session():
     session = f"""
 from lilgym_mp.envs.workers import WorkerVectorEnv
 env = WorkerVectorEnv({TOWER!r}, 4, 2, start_method="spawn")
@@ -233,51 +205,45 @@ env.close()
     assert "(4, 50, 190, 3)" in done.stdout, done.stderr
 
 
-def test_memory__more_than_the_machine_has_is_refused() -> None:
+def test_memory__more_than_the_machine_has_is_refused():
     with pytest.raises(SharedMemoryError, match=r"MB: this machine has [\d,.]+ MB of memory"):
         WorkerVectorEnv(TOWER, 50_000_000, 2)
 
 
-def test_memory__on_a_full_disk_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    full = partial(open, "/dev/full", "r+b")
-    monkeypatch.delattr(shared_memory.os, "memfd_create", raising=False)
-    monkeypatch.setattr(shared_memory.tempfile, "TemporaryFile", full)
+def test_memory__on_a_full_disk_is_refused(monkeypatch):
+    monkeypatch.setattr(shared_memory, "HAS_MEMFD", False)
+    monkeypatch.setattr(shared_memory.tempfile, "TemporaryFile", partial(open, "/dev/full", "r+b"))
     descriptors = len(os.listdir("/proc/self/fd"))
     with pytest.raises(SharedMemoryError, match=r"file of 1\.0 MB to share: No space left on device"):
         SharedMemory(1_000_000)
     assert len(os.listdir("/proc/self/fd")) == descriptors
 
 
-def test_workers__release_their_descriptors() -> None:
-    def descriptors_after_use() -> int:
+def test_workers__release_their_descriptors():
+    counts = set[int]()
+    for _ in range(3):
         env = WorkerVectorEnv(TOWER, 4, 3, start_method="fork")
         env.reset(seed=0)
         env.close()
-        env.close()
-        return len(os.listdir("/proc/self/fd"))
-
-    first = descriptors_after_use()
-    assert [descriptors_after_use() for _ in range(3)] == [first] * 3
+        counts.add(len(os.listdir("/proc/self/fd")))
+    assert len(counts) == 1
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"num_workers": 0}, "num_workers must be 'auto' or a positive whole number, not 0"),
-        ({"num_workers": "two"}, "not 'two'"),
-        ({"num_workers": 5}, "5 workers for 4 environments; use at most one per environment"),
-        ({"start_method": "thread"}, "unknown start_method 'thread'; choose from fork, forkserver, spawn"),
-        ({"timeout_seconds": 0}, "timeout_seconds must be a positive number, not 0"),
-        ({"timeout_seconds": float("nan")}, "not nan"),
-        ({"split": "tran"}, "unknown split 'tran'"),
+        ({"num_workers": "two"}, "'auto' or a positive whole number, not 'two'"),
+        ({"num_workers": 5}, "5 workers for 4 environments"),
+        ({"start_method": "thread"}, "'thread'; choose from fork, forkserver, spawn"),
+        ({"timeout_seconds": 0}, "positive number, not 0"),
     ],
 )
-def test_make__names_the_value_and_the_choices(settings: dict[str, object], message: str) -> None:
+def test_make__names_the_value_and_the_choices(settings, message):
     with pytest.raises(ValueError, match=message):
         WorkerVectorEnv(**{"id": TOWER, "num_envs": 4, "num_workers": 2, **settings})
 
 
-def test_auto__uses_one_process_for_few_environments() -> None:
+def test_auto__uses_one_process_for_few_environments():
     assert checked_worker_count("auto", 1) == 1
     assert checked_worker_count("auto", 64) == 1
     assert checked_worker_count("auto", 100_000) == usable_cores()
@@ -286,6 +252,6 @@ def test_auto__uses_one_process_for_few_environments() -> None:
 def test_close__after_a_failed_constructor_does_nothing():
     """Gymnasium before 1.3 closes whatever is collected."""
     env = WorkerVectorEnv.__new__(WorkerVectorEnv)
-    with pytest.raises(ValueError, match="unknown split 'tran'"):
-        WorkerVectorEnv.__init__(env, "lilgym_mp/TowerScratch-v0", 2, split="tran")
+    with pytest.raises(ValueError, match="'tran'"):
+        WorkerVectorEnv.__init__(env, TOWER, 2, split="tran")
     env.close()

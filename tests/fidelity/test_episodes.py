@@ -6,8 +6,7 @@ import gzip
 import hashlib
 import json
 from itertools import groupby
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -17,8 +16,6 @@ from lilgym_mp.envs.registration import environment_id
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import StopForcing
 
-Json = dict[str, Any]
-
 
 class Recording(NamedTuple):
     """Which of the release's environments was recorded."""
@@ -27,7 +24,7 @@ class Recording(NamedTuple):
     split: str
     stop_forcing: bool
 
-    def environment(self, official_data: Path) -> gym.Env[Any, Any]:
+    def environment(self, official_data):
         """Ours, with the same data, rules and stop forcing."""
         env = gym.make(environment_id(*self.config.split("-")), corpus=official_data, split=self.split, rules="release")
         return StopForcing(env, mode="replace", allow_evaluation=True) if self.stop_forcing else env
@@ -42,25 +39,25 @@ RECORDINGS = [
 
 
 @pytest.fixture(scope="module")
-def recorded_episodes(golden: Path) -> dict[Recording, list[Json]]:
+def recorded_episodes(golden):
     """Every recorded episode, by what was recorded."""
     with gzip.open(golden / "episodes.jsonl.gz", "rt", encoding="utf-8") as file:
         episodes = [json.loads(line) for line in file]
 
-    def recording_of(episode: Json) -> Recording:
+    def recording_of(episode):
         return Recording(episode["config"], episode["split"], episode["stop_forcing"])
 
     return {of: list(those) for of, those in groupby(sorted(episodes, key=recording_of), recording_of)}
 
 
-def sha256(image: Any) -> str:
+def sha256(image):
     assert (image.shape, image.dtype) == ((50, 190, 3), np.uint8)
     return hashlib.sha256(image.tobytes()).hexdigest()
 
 
-def repeated(env: gym.Env[Any, Any], recording: Recording, episode: Json) -> Json:
+def repeated(env, recording, episode):
     """The record of our own episode, of the same task and actions. Images that do not show the scene are as `draw`s."""
-    core: Any = env.unwrapped
+    core = env.unwrapped
     observation, _ = env.reset(options={"task": episode["example"]})
     record = {
         "target": bool(observation["target"]),
@@ -91,7 +88,7 @@ def repeated(env: gym.Env[Any, Any], recording: Recording, episode: Json) -> Jso
 
 
 def test_recordings__are_1998_episodes_of_7081_steps_with_six_images_of_something_else(
-    recorded_episodes: dict[Recording, list[Json]],
+    recorded_episodes,
 ):
     assert set(recorded_episodes) == set(RECORDINGS)
     every = [episode for episodes in recorded_episodes.values() for episode in episodes]
@@ -101,7 +98,7 @@ def test_recordings__are_1998_episodes_of_7081_steps_with_six_images_of_somethin
 
 @pytest.mark.parametrize("recording", RECORDINGS, ids=str)
 def test_episodes__target_start_truths_rewards_flags_scenes_and_images_equal_the_recorded_ones(
-    recording: Recording, official_data: Path, recorded_episodes: dict[Recording, list[Json]]
+    recording, official_data, recorded_episodes
 ):
     with recording.environment(official_data) as env:
         for episode in recorded_episodes[recording]:

@@ -1,13 +1,8 @@
 """Programs against the recorded truths of the release and the labels of the official data."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import random
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,7 +10,7 @@ from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 
 
-def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
+def outcome(evaluate, scene):
     """The value, or the message of the failure."""
     try:
         return evaluate(scene)
@@ -24,35 +19,25 @@ def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
 
 
 @pytest.fixture(scope="module")
-def recorded_truths(golden: Path) -> dict[str, Any]:
+def recorded_truths(golden):
     with gzip.open(golden / "program_truths.json.gz", "rt", encoding="utf-8") as file:
         return json.load(file)
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_program_truths__equal_the_recorded_ones(recorded_truths: dict[str, Any], appearance: str) -> None:
+def test_program_truths__of_both_evaluators_equal_the_recorded_ones(recorded_truths, appearance):
     recorded = recorded_truths[appearance]
     scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
     for source, truths in zip(recorded["programs"], recorded["truths"], strict=True):
         program = compile_program(source)
         assert "".join(str(int(program.evaluate(scene))) for scene in scenes) == truths, source
-
-
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_program_truths__reference_evaluator_matches_the_recordings(
-    recorded_truths: dict[str, Any], appearance: str
-) -> None:
-    recorded = recorded_truths[appearance]
-    scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
-    for number, (source, truths) in enumerate(zip(recorded["programs"], recorded["truths"], strict=True)):
-        program = compile_program(source)
-        some = slice(number % 8, None, 8)  # of the scenes: others for the next program
+        some = slice(len(source) % 8, None, 8)  # of the scenes: others for other programs
         assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes[some]) == truths[some], source
 
 
 @pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.long), "dev"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_labels__equal_the_truth_in_the_start_scene(official_data: Path, appearance: str, split: str) -> None:
+def test_labels__equal_the_truth_in_the_start_scene(official_data, appearance, split):
     records = json.loads((official_data / f"{appearance}_flipit_{split}.json").read_text(encoding="utf-8"))
     for identifier, record in records.items():
         program = compile_program(record["lf"])
@@ -60,10 +45,10 @@ def test_labels__equal_the_truth_in_the_start_scene(official_data: Path, appeara
         assert not program.errors, identifier
 
 
-def test_official_programs__both_forms_agree_and_nearly_all_have_generated_code(official_data: Path) -> None:
+def test_official_programs__both_forms_agree_and_nearly_all_have_generated_code(official_data):
     chance = random.Random(0)
-    sources: dict[str, None] = {}
-    scenes: list[Scene] = []
+    sources = {}
+    scenes = []
     for path in sorted(official_data.glob("*_*_*.json")):
         for record in json.loads(path.read_text(encoding="utf-8")).values():
             sources[record["lf"]] = None

@@ -1,7 +1,5 @@
 """Generated corpora: `corpus="generated:LEVEL"`."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import random
@@ -21,11 +19,11 @@ from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from tests.scenes import items_apart
 
 STABLE = ("generated:2", "tower", "flipit", "dev")
-SAMPLES = [("tower", 2), ("tower", 4), ("scatter", 2)]  # (appearance, level)
+SAMPLES = [("tower", 4), ("scatter", 2)]  # (appearance, level)
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
-def test_load_scratch__has_the_documented_number_of_distinct_statements(appearance: str, level: int):
+def test_load_scratch__has_the_documented_number_of_distinct_statements(appearance, level):
     tasks = load_tasks(f"generated:{level}", appearance, "scratch", "dev")
     assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SPLIT_SIZES["dev"]
     assert all(task.target and not any(task.start.items()) for task in tasks)
@@ -35,7 +33,7 @@ def test_load_scratch__has_the_documented_number_of_distinct_statements(appearan
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
-def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appearance: str, level: int):
+def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appearance, level):
     tasks = load_tasks(f"generated:{level}", appearance, "flipit", "dev")
     assert len(tasks) == 4 * SPLIT_SIZES["dev"]
     assert contexts(tasks) == 2 * SPLIT_SIZES["dev"]
@@ -45,7 +43,7 @@ def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appe
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_start_scenes__differ_in_one_item_within_a_pair(appearance: str):
+def test_start_scenes__differ_in_one_item_within_a_pair(appearance):
     for entry in generated_entries(CorpusSpec(2), appearance, "dev"):
         for place in (0, 2):
             one, other = entry.starts[place : place + 2]
@@ -95,20 +93,19 @@ def test_split_of__equivalent_programs_share_a_split():
 @pytest.mark.parametrize(
     ("corpus", "message"),
     [
-        ("generated", r'a generated corpus is "generated:LEVEL" or "generated:LEVEL:SEED"'),
-        ("generated:2:1:4", r'a generated corpus is "generated:LEVEL"'),
-        ("generated:easy", r'a generated corpus is "generated:LEVEL"'),
-        ("generated:2:-1", r'a generated corpus is "generated:LEVEL"'),
-        ("generated:6", "unknown level 6; choose from 1, 2, 3, 4, 5"),
+        ("generated", '"generated:LEVEL" or "generated:LEVEL:SEED"'),
+        ("generated:2:1:4", '"generated:LEVEL"'),
+        ("generated:2:-1", '"generated:LEVEL"'),
+        ("generated:6", "6; choose from 1, 2, 3, 4, 5"),
     ],
 )
-def test_load__rejects_malformed_names(corpus: str, message: str):
+def test_load__rejects_malformed_names(corpus, message):
     with pytest.raises(CorpusError, match=message):
         load_tasks(corpus, "tower", "scratch", "train")
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_scene_pool__successors_are_one_legal_edit_apart(appearance: str):
+def test_scene_pool__successors_are_one_legal_edit_apart(appearance):
     pool = ScenePool.sample(appearance, random.Random(4), 4)
     dynamics = make_dynamics(make_appearance(appearance))
     for expansion in (expansion for walk in pool.walks for expansion in walk[:2]):
@@ -120,7 +117,7 @@ def test_scene_pool__successors_are_one_legal_edit_apart(appearance: str):
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_scene_pool__scenes_from_empty_are_in_reach_of_the_horizon(appearance: str):
+def test_scene_pool__scenes_from_empty_are_in_reach_of_the_horizon(appearance):
     pool = ScenePool.sample(appearance, random.Random(4), 12)
     counts = {sum(1 for _ in scene.items()) for scene in pool.from_empty()}
     assert {0, 1, 2} < counts

@@ -1,17 +1,13 @@
 """Endless statement-program pairs: lilgym_mp.corpus.generator.pairs."""
 
-from __future__ import annotations
-
 import hashlib
 import random
 import re
-import subprocess
-import sys
 from itertools import islice
 
 import pytest
 
-from lilgym_mp.corpus.generator import LEVELS, TrainingPair, level_of, statements, training_pairs
+from lilgym_mp.corpus.generator import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.noise import with_noise
 from lilgym_mp.corpus.generator.writer import phrase_book
 from lilgym_mp.corpus.scene_walks import ScenePool
@@ -26,40 +22,42 @@ DIGESTS = {
 }
 
 
-def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -> list[TrainingPair]:
+def pairs(appearance, number, seed=3, *, noise=False):
     return list(islice(training_pairs(appearance, seed, noise=noise, bound_share=0), number))
 
 
-def scenes(appearance: str, number: int) -> list[Scene]:
+def scenes(appearance, number):
     rng = random.Random(7)
     return rng.sample(ScenePool.sample(appearance, rng, 60).scenes, number)
 
 
 @pytest.mark.parametrize(("appearance", "digest"), DIGESTS.items())
-def test_training_pairs__stay_the_same(appearance: str, digest: str) -> None:
+def test_training_pairs__stay_the_same(appearance, digest):
     found = repr([tuple(pair) for pair in islice(training_pairs(appearance, 0), 6_000)])
     assert hashlib.sha256(found.encode()).hexdigest() == digest, "trained parsers depend on the stream of pairs"
 
 
-def test_training_pairs__about_towers_need_towers() -> None:
+def test_training_pairs__about_towers_need_towers():
     found = {pair.statement: pair.program for pair in pairs("tower", 6_000)}
-    not_alike = [program for text, program in found.items() if re.match("not all .* the same ", text)]
-    three = [program for text, program in found.items() if re.match("(all|the) three .* the same ", text)]
-    fewest = [program for text, program in found.items() if re.match("the tower with the (fewest|least) ", text)]
-    assert min(map(len, (not_alike, three, fewest))) > 2
-    for program in not_alike + three:
-        assert not compile_program(program)(scene(tower(B)))
-        assert not compile_program(program)(Scene.empty())
-    assert all(program.count("is_tower()") > 1 for program in fewest)
+
+    def programs(wording):
+        return [program for text, program in found.items() if re.match(wording, text)]
+
+    for wording in ("not all .* the same ", "(all|the) three .* the same "):
+        assert len(programs(wording)) > 2
+        for program in map(compile_program, programs(wording)):
+            assert not program(scene(tower(B)))
+            assert not program(Scene.empty())
+    assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_conditions__have_probabilities(appearance: str) -> None:
+def test_conditions__have_probabilities(appearance):
     assert sum(phrase_book(appearance).conditions.values()) < 1 + 1e-9
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str) -> None:
+def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
     pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 250):
         program = compile_program(pair.program)
@@ -68,7 +66,7 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str)
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance: str) -> None:
+def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance):
     pool = scenes(appearance, 80)
     sample = pairs(appearance, 150)
     varied = sum(len({compile_program(pair.program)(scene) for scene in pool}) == 2 for pair in sample)
@@ -76,10 +74,10 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__equal_statements_have_equivalent_programs(appearance: str) -> None:
+def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
-    programs: dict[str, set[str]] = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 8_000):
+    programs = {}
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 5_000):
         programs.setdefault(statement, set()).add(program)
     for statement, found in programs.items():
         if len(found) == 1:
@@ -88,38 +86,32 @@ def test_training_pairs__equal_statements_have_equivalent_programs(appearance: s
         assert len(truths) == 1, statement
 
 
-def test_training_pairs__bare_numbers_are_sometimes_lower_bounds() -> None:
+def test_training_pairs__bare_numbers_are_sometimes_lower_bounds():
     assert not any(program.startswith("ge(") for program in programs_of_bare_numbers(0))
     assert {program.startswith("ge(") for program in programs_of_bare_numbers(1)} == {True, False}
 
 
-def programs_of_bare_numbers(share: float) -> list[str]:
+def programs_of_bare_numbers(share):
     pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 4_000)
     return [program for text, program in pairs if re.fullmatch(r"there are (\w+) (black|blue|yellow) blocks", text)]
 
 
-def test_with_noise__adds_no_second_full_stop() -> None:
+def test_with_noise__adds_no_second_full_stop():
     noisy = {with_noise("Three boxes are empty.", random.Random(seed)) for seed in range(200)}
     assert any(text[:1].islower() for text in noisy)
     assert max(text.count(".") for text in noisy) == 1
 
 
-def test_training_pairs__are_imported_lazily() -> None:
-    lazy = ("lilgym_mp.corpus.generator", "lilgym_mp.corpus.spelling")
-    code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
-
-
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_statements__are_of_the_level_and_typed_without_noise(appearance: str, level: int) -> None:
+def test_statements__are_of_the_level_and_typed_without_noise(appearance, level):
     for statement, program in islice(statements(appearance, level, random.Random(2)), 60):
         assert level_of(program) == level
         assert re.fullmatch(r"[A-Z0-9][^.]*(\. also [^.]*)?\.", statement), statement
         assert "atleast" not in statement
 
 
-def test_level_of__grows_with_size_and_needs_words() -> None:
+def test_level_of__grows_with_size_and_needs_words():
     levels = {
         "exist(filter_color(all_items, Color.BLUE))": 1,
         "exist(filter_obj(all_items, is_top))": 2,
@@ -132,7 +124,7 @@ def test_level_of__grows_with_size_and_needs_words() -> None:
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance: str) -> None:
+def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance):
     found = [
         pair.statement for level in (2, 3) for pair in islice(statements(appearance, level, random.Random(5)), 400)
     ]
@@ -140,8 +132,8 @@ def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearan
     assert any(text.startswith(("At least one of the", "Exactly one of the", "Only one of the")) for text in found)
 
 
-def test_statements__unknown_arguments_are_refused() -> None:
-    with pytest.raises(ValueError, match="unknown level 6; choose from 1, 2, 3, 4, 5"):
+def test_statements__unknown_arguments_are_refused():
+    with pytest.raises(ValueError, match="6; choose from 1, 2, 3, 4, 5"):
         next(statements("tower", 6, random.Random(0)))
-    with pytest.raises(ValueError, match="unknown appearance 'mosaic'; choose from scatter, tower"):
+    with pytest.raises(ValueError, match="'mosaic'; choose from scatter, tower"):
         next(statements("mosaic", 1, random.Random(0)))

@@ -1,7 +1,5 @@
 """Canonical form, unparsing and prefix tokens preserve programs' truth values."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -18,17 +16,17 @@ from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 SCENES = 16
 
 
-def canonical(source: str) -> str:
+def canonical(source):
     return source_of(canonical_form(parse(source)))
 
 
-def scenes(appearance: str) -> list[Scene]:
+def scenes(appearance):
     rng = random.Random(3)
     stock = ScenePool.sample(appearance, rng, 24).scenes
     return [Scene.empty(), *rng.sample(stock, min(SCENES, len(stock)))]
 
 
-def value(source: str, scene: Scene) -> bool | None:
+def value(source, scene):
     """The program's truth value, None if it raises an error."""
     try:
         return compile_program(source).evaluate(scene)
@@ -36,7 +34,7 @@ def value(source: str, scene: Scene) -> bool | None:
         return None
 
 
-def check(corpus: str) -> int:
+def check(corpus):
     """Checks every sixth training program of the corpus; returns their number."""
     count = 0
     for appearance in ("tower", "scatter"):
@@ -106,7 +104,7 @@ def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens()
         ("equal_int(count(all_items), 2)", "count(all_items) == 2"),
     ],
 )
-def test_canonical_form__is_unique_for_equivalent_programs(source: str, expected: str):
+def test_canonical_form__is_unique_for_equivalent_programs(source, expected):
     assert canonical(source) == expected
     assert canonical(expected) == expected
 
@@ -129,7 +127,7 @@ ONE_ITEM = Scene.of([Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)], [], [])
         ("not AND(True, exist(filter_obj(union(all_boxes, all_items), lambda b: b.is_tower())))", ONE_ITEM),
     ],
 )
-def test_canonical_form__keeps_the_value_where_a_part_fails_or_has_an_odd_type(source: str, scene: Scene):
+def test_canonical_form__keeps_the_value_where_a_part_fails_or_has_an_odd_type(source, scene):
     assert value(canonical(source), scene) is value(source, scene)
 
 
@@ -157,7 +155,7 @@ def test_canonical_form__nested_lambdas_get_distinct_variables():
         "(1).is_tower() or Color.BLUE.is_tower()",
     ],
 )
-def test_source_of__parses_back_to_the_same_tree(source: str):
+def test_source_of__parses_back_to_the_same_tree(source):
     assert parse(source_of(parse(source))) == parse(source)
 
 
@@ -179,7 +177,7 @@ def test_tree_from_tokens__keeps_a_chain_of_tests_together():
         (["is_blue(1)", "v0"], "inside only 0 lambdas"),
     ],
 )
-def test_tree_from_tokens__rejects_invalid_sequences(tokens: list[str], reason: str):
+def test_tree_from_tokens__rejects_invalid_sequences(tokens, reason):
     with pytest.raises(PrefixError, match=reason):
         tree_from_tokens(tokens)
 

@@ -1,7 +1,5 @@
 """Program objects: truth values, errors, memoisation, limits."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest
@@ -10,12 +8,12 @@ from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, co
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
 
-def scene_of(count: int) -> Scene:
+def scene_of(count):
     """A scene with `count` items in its first box."""
     return Scene.of([Item(i % 80, i // 80, Shape(i % 3), Colour(i % 3), Size(i % 3)) for i in range(count)], [], [])
 
 
-def test_program__errors_count_as_false_once_per_scene() -> None:
+def test_program__errors_count_as_false_once_per_scene():
     program = Program("is_top(unique(all_items))")
     empty, two = Scene.empty(), scene_of(2)
     assert [program(empty), program(empty), program(two), program(scene_of(1))] == [False, False, False, True]
@@ -25,14 +23,14 @@ def test_program__errors_count_as_false_once_per_scene() -> None:
         program.evaluate(empty)
 
 
-def test_program__is_pickled_by_its_source() -> None:
+def test_program__is_pickled_by_its_source():
     program = compile_program("count(all_items) == 1")
     copy = pickle.loads(pickle.dumps(program))
     assert copy.source == program.source
     assert copy(scene_of(1)) is True
 
 
-def test_program__equal_boxes_hold_distinct_items() -> None:
+def test_program__equal_boxes_hold_distinct_items():
     box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
     scene = Scene((box, box, box))
     for source in ("count(all_items) == 3", "count(set(all_items)) == 3", "all_boxes[0] != all_boxes[1]"):
@@ -40,7 +38,7 @@ def test_program__equal_boxes_hold_distinct_items() -> None:
 
 
 @pytest.mark.parametrize("count", [23, 24, 25, 64, 65, 130])
-def test_program__boxes_may_hold_any_number_of_items(count: int) -> None:
+def test_program__boxes_may_hold_any_number_of_items(count):
     scene = scene_of(count)
     program = compile_program(f"count(filter_obj(all_items, lambda x: is_yellow(x) or NOT(is_yellow(x)))) == {count}")
     assert program(scene) is True
@@ -59,13 +57,13 @@ def test_program__boxes_may_hold_any_number_of_items(count: int) -> None:
         "is_top(a) and is_top(d) and False))))",
     ],
 )
-def test_program__exceeding_a_limit_is_a_runtime_error(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program__exceeding_a_limit_is_a_runtime_error(source, monkeypatch):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 2_000_000)
     with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
         compile_program(source).evaluate(scene_of(60))
 
 
-def test_program__that_could_exceed_the_step_limit_has_no_generated_code() -> None:
+def test_program__that_could_exceed_the_step_limit_has_no_generated_code():
     program = compile_program(
         "count(filter_obj(all_items, lambda a: exist(filter_obj(all_items, lambda b: exist(filter_obj(all_items, "
         "lambda c: a.color == b.color and b.color == c.color and get_above(c) == get_above(a) and False)))))) == 0"
@@ -74,7 +72,7 @@ def test_program__that_could_exceed_the_step_limit_has_no_generated_code() -> No
     assert program(scene_of(5)) is True
 
 
-def test_program__is_evaluated_by_the_generator_registered_last(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program__is_evaluated_by_the_generator_registered_last(monkeypatch):
     program = Program("count(all_items) == 1")
     monkeypatch.setattr(compiler, "_GENERATORS", [lambda tree: lambda scene: True])
     assert [program(scene_of(count)) for count in range(2, 6)] == [False, False, True, True]
@@ -82,7 +80,7 @@ def test_program__is_evaluated_by_the_generator_registered_last(monkeypatch: pyt
     assert not Program("count(all_items) == 2").has_generated_code
 
 
-def test_explain_program__good_and_bad_sources() -> None:
+def test_explain_program__good_and_bad_sources():
     good = explain_program("exist(filter_obj(all_items, is_blue))")
     assert "exist, filter_obj, is_blue" in good
     assert "empty scene: False" in good

@@ -1,10 +1,7 @@
 """docs/programs.md matches the code."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -16,16 +13,16 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def generator() -> ModuleType:
+def generator():
     return load_script("generate_program_docs")
 
 
-def test_program_docs__are_up_to_date(generator: ModuleType) -> None:
+def test_program_docs__are_up_to_date(generator):
     written = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
     assert written == generator.document(), "run scripts/generate_program_docs.py"
 
 
-def test_program_docs__examples_are_programs(generator: ModuleType) -> None:
+def test_program_docs__examples_are_programs(generator):
     examples = re.findall(r"^```\n((?:exist|count).*)\n```$", generator.document(), re.MULTILINE)
     assert len(examples) == 3
     for source in examples:

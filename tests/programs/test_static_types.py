@@ -1,7 +1,5 @@
 """Which programs are well typed: exactly those that generated code could be made for, and those that merely lack it."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -24,7 +22,7 @@ from tests.stress.program_truth import TypedPrograms
         "exist(filter_obj(combinations(all_items, 2), lambda p: p[0].color == p[1].color))",
     ],
 )
-def test_program__of_accepted_types_is_well_typed(source: str) -> None:
+def test_program__of_accepted_types_is_well_typed(source):
     assert is_well_typed(parse(source))
 
 
@@ -42,16 +40,16 @@ def test_program__of_accepted_types_is_well_typed(source: str) -> None:
         "exist(all_items) and 3",
     ],
 )
-def test_program__of_other_types_is_not_well_typed(source: str) -> None:
+def test_program__of_other_types_is_not_well_typed(source):
     assert not is_well_typed(parse(source))
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_programs__of_the_builtin_corpus_are_well_typed(appearance: str) -> None:
+def test_programs__of_the_builtin_corpus_are_well_typed(appearance):
     assert all(is_well_typed(parse(task.program)) for task in load_tasks("builtin", appearance, "scratch", "train"))
 
 
-def test_programs__with_generated_code_are_well_typed() -> None:
+def test_programs__with_generated_code_are_well_typed():
     programs = TypedPrograms(random.Random(5))
     generated = [source for source in (programs.program() for _ in range(300)) if Program(source).has_generated_code]
     assert len(generated) > 60

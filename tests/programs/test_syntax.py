@@ -1,7 +1,5 @@
 """Which program texts are accepted, and the errors for rejected ones."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest
@@ -79,7 +77,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("source", REFUSED, ids=lambda source: ascii(source[:20]))
-def test_refused_sources__are_program_errors_that_name_the_rule(source: str) -> None:
+def test_refused_sources__are_program_errors_that_name_the_rule(source):
     with pytest.raises(ProgramError) as fault:
         compile_program(source)
     assert REFUSED[source] in fault.value.reason
@@ -102,11 +100,11 @@ ACCEPTED = (
 
 
 @pytest.mark.parametrize("source", ACCEPTED)
-def test_accepted_sources__compile(source: str) -> None:
+def test_accepted_sources__compile(source):
     assert compile_program(source).source == source
 
 
-def test_program_error__explain_puts_carets_under_the_piece() -> None:
+def test_program_error__explain_puts_carets_under_the_piece():
     with pytest.raises(ProgramError) as fault:
         compile_program("count(all_itms) == 1")
     _, line, caret, where = fault.value.explain().split("\n")
@@ -114,7 +112,7 @@ def test_program_error__explain_puts_carets_under_the_piece() -> None:
     assert where == "line 1, column 7"
 
 
-def test_program_error__explain_clips_long_sources_and_escapes_control_characters() -> None:
+def test_program_error__explain_clips_long_sources_and_escapes_control_characters():
     for source in ("x" * 1_000_000, "count(" + "é\0\udc80" * 1_000, "1\n" * 1_000, "True" + " or True" * 500 + " or x"):
         with pytest.raises(ProgramError) as fault:
             compile_program(source)
@@ -123,14 +121,14 @@ def test_program_error__explain_clips_long_sources_and_escapes_control_character
         fault.value.explain().encode("ascii")
 
 
-def test_program_error__survives_pickling() -> None:
+def test_program_error__survives_pickling():
     with pytest.raises(ProgramError) as fault:
         compile_program("cuont(all_items)")
     copy = pickle.loads(pickle.dumps(fault.value))
     assert (copy.position, copy.reason, str(copy)) == (fault.value.position, fault.value.reason, str(fault.value))
 
 
-def refusal(text: str) -> ProgramError | None:
+def refusal(text):
     """The ProgramError of a text, or None for a valid program; other exceptions propagate."""
     try:
         compile_program(text)
@@ -143,12 +141,12 @@ PIECES = ("exist", "(", ")", "all_items", ",", "lambda", " ", "x", ":", "1", "==
 
 
 @given(st.lists(st.sampled_from((*PIECES, "{", "}", "box", "*", "\\", "'", "in", "%", "BLUE")), max_size=25))
-def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces: list[str]) -> None:
+def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces):
     fault = refusal(" ".join(pieces))
     assert fault is None or 0 <= fault.offset <= len(fault.source)
 
 
-def test_limits__leave_room_for_long_and_deep_programs() -> None:
+def test_limits__leave_room_for_long_and_deep_programs():
     assert compile_program("True" + " and True" * 500)
     nested = "exist(all_items)"
     for _ in range(MAX_DEPTH - 4):
@@ -157,7 +155,7 @@ def test_limits__leave_room_for_long_and_deep_programs() -> None:
     assert len("True" + " and True" * 500) < MAX_LENGTH
 
 
-def test_every_word__has_a_description_and_can_be_called() -> None:
+def test_every_word__has_a_description_and_can_be_called():
     assert len([word for word in WORDS.values() if word.group != "built-ins"]) >= 73  # the release's
     for word in WORDS.values():
         assert word.meaning, word.name

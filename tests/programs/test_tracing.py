@@ -1,14 +1,12 @@
 """Traces of program evaluation."""
 
-from __future__ import annotations
-
 from lilgym_mp.programs.tracing import trace
 from tests.scenes import SMALL, B, K, circle, scene, square, tower
 
 SHOWN = scene([circle(0, 0, SMALL, K), square(40, 80, colour=B)], [], tower(B))
 
 
-def values(source: str) -> dict[str, str]:
+def values(source):
     return {part.source: part.value for part in trace(source, SHOWN)}
 
 

@@ -55,7 +55,7 @@ def test_word__incomplete_declarations_are_rejected(function: Any, reason: str) 
 
 
 def test_word__a_name_cannot_be_registered_twice() -> None:
-    with pytest.raises(WordError, match=r"word count is already defined in lilgym_mp\.programs\.functions"):
+    with pytest.raises(WordError, match=r"count is already defined in lilgym_mp\.programs\.functions"):
         word("sets", name="count")(documented)
 
 

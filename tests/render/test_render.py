@@ -1,10 +1,7 @@
 """Images: pixels compared with literals and Pillow, the canvas compared with `draw`, and text pictures."""
 
-from __future__ import annotations
-
 import copy
 import pickle
-from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -13,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from lilgym_mp.scene import Box, Item, Scene, Shape
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene import Box, Scene, Shape
 from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.canvas import Canvas, box_blits
 from lilgym_mp.scene.render.characters import text
@@ -28,6 +24,7 @@ from tests.scenes import (
     circle,
     items,
     scene,
+    scene_of,
     square,
     triangle,
 )
@@ -38,7 +35,7 @@ FEWER = settings(max_examples=40)  # as each draws several pictures
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
 
 
-def drawn(item: Item) -> list[str]:
+def drawn(item):
     """The rows of an item's bounding square, with # for its colour."""
     x, y, side = item.x, item.y, item.side
     colour = {Y: YELLOW_RGB, K: BLACK_RGB, B: BLUE_RGB}[item.colour]
@@ -46,7 +43,7 @@ def drawn(item: Item) -> list[str]:
     return ["".join("#" if tuple(pixel) == colour else "." for pixel in row) for row in pixels]
 
 
-def by_pillow(shown: Scene) -> UInt8Array:
+def by_pillow(shown):
     """(100, 380, 3) the image drawn with Pillow as in docs/spec.md, "Drawing"."""
     image = Image.new("RGB", (380, 100), SEPARATOR_RGB)
     pen = ImageDraw.Draw(image)
@@ -67,7 +64,7 @@ def by_pillow(shown: Scene) -> UInt8Array:
     return np.asarray(image)
 
 
-def halved(native: UInt8Array) -> UInt8Array:
+def halved(native):
     return np.trunc(native.reshape(50, 2, 190, 2, 3).mean((1, 3))).astype(np.uint8)
 
 
@@ -106,20 +103,20 @@ def test_draw__a_small_circle():
 
 @FEWER
 @given(UNCHECKED_SCENES)
-def test_draw__equals_pillow_drawing_onto_the_whole_image(shown: Scene):
+def test_draw__equals_pillow_drawing_onto_the_whole_image(shown):
     assert np.array_equal(draw(shown), by_pillow(shown))
 
 
 @FEWER
 @given(UNCHECKED_SCENES)
-def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene):
+def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown):
     half = draw(shown, "half")
     assert (half.shape, half.dtype) == ((50, 190, 3), np.uint8)
     assert np.array_equal(half, halved(draw(shown)))
 
 
 @st.composite
-def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
+def scenes_in_a_row(draw):
     """A sequence of scenes in which each adds or removes an item, replaces a box, or is unrelated."""
     found = [draw(UNCHECKED_SCENES)]
     for _ in range(draw(st.integers(1, 6))):
@@ -142,7 +139,7 @@ def scenes_in_a_row(draw: st.DrawFn) -> list[Scene]:
 @IMAGE_SIZES
 @FEWER
 @given(shown=scenes_in_a_row())
-def test_canvas__equals_draw_after_any_sequence_of_scenes(image_size: str, shown: list[Scene]):
+def test_canvas__equals_draw_after_any_sequence_of_scenes(image_size, shown):
     canvas = Canvas(image_size)
     for one in shown * 3:
         assert np.array_equal(canvas.show(one), draw(one, image_size))
@@ -154,16 +151,16 @@ SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
 @SHRINKS
 @FEWER
 @given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
-def test_box_blits__are_none_iff_two_items_share_a_pixel(shrink: int, box: Box):
+def test_box_blits__are_none_iff_two_items_share_a_pixel(shrink, box):
     lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
     assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
 
 
-def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
+def test_canvas__redraws_completely_after_an_interrupt(monkeypatch):
     canvas, before = Canvas(), Scene.empty()
     canvas.show(before)
 
-    def interrupted(canvas: Canvas, scene: Scene) -> None:
+    def interrupted(canvas, scene):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
@@ -173,16 +170,15 @@ def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.Monke
     assert np.array_equal(canvas.show(before), draw(before, "half"))
 
 
-@IMAGE_SIZES
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
-def test_canvas__copy_has_its_own_buffer(image_size: str, duplicate: Callable[[Canvas], Canvas]):
-    canvas = Canvas(image_size)
-    first, second, third = scene([circle(0, 0)]), scene([circle(0, 0), square(40, 40)]), scene([], [square(0, 0)])
-    canvas.show(first)
+def test_canvas__copy_has_its_own_buffer(duplicate):
+    canvas = Canvas("half")
+    canvas.show(scene_of("circle 0,0"))
     copied = duplicate(canvas)
-    canvas.show(third)
-    assert np.array_equal(copied.show(second), draw(second, image_size))
-    assert np.array_equal(canvas.pixels, draw(third, image_size))
+    shown, other = scene_of("circle 0,0; square 40,40"), scene_of("| square 0,0")
+    canvas.show(other)
+    assert np.array_equal(copied.show(shown), draw(shown, "half"))
+    assert np.array_equal(canvas.pixels, draw(other, "half"))
 
 
 # For people
@@ -209,6 +205,6 @@ def test_text__draws_the_boxes_with_characters():
 
 @FEWER
 @given(UNCHECKED_SCENES)
-def test_text__clips_any_scene_to_the_frame(shown: Scene):
+def test_text__clips_any_scene_to_the_frame(shown):
     lines = text(shown, [], coloured=False).splitlines()
     assert [len(line) for line in lines] == [70] * 12

@@ -1,21 +1,16 @@
 """A small corpus, so that solving a whole split is fast."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from lilgym_mp.corpus import write_corpus
 from tests.corpora import entry
-from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
+from tests.scenes import scene_of
 
-TOWERS = (scene(), scene(tower(B), tower(K, Y), tower(B, B, K)), scene(tower(Y), tower(Y), tower(Y)))
+TOWERS = ("", "tower b | tower ky | tower bbk", "tower y | tower y | tower y")
 SCATTERED = (
-    scene(),
-    scene([circle(0, 0, LARGE, B), square(40, 40, colour=K)], [triangle(5, 60, SMALL, Y)], [square(80, 80, colour=B)]),
-    scene([circle(0, 70, LARGE, Y)], [circle(33, 33, colour=B), circle(70, 0, LARGE, B)], [triangle(50, 50, LARGE, K)]),
+    "",
+    "circle 0,0 large blue; square 40,40 black | triangle 5,60 small | square 80,80 blue",
+    "circle 0,70 large | circle 33,33 blue; circle 70,0 large blue | triangle 50,50 large black",
 )
 STATEMENTS = (
     ("tower", "A blue block is there.", "exist(filter_color(all_items, Color.BLUE))", TOWERS),
@@ -47,18 +42,19 @@ STATEMENTS = (
 )
 
 
-def corpus_entries(split: str) -> list[Any]:
+def corpus_entries(split):
     return [
         entry(
-            f"{split}-{index}", appearance, split, *told, **{str(n): start.to_json() for n, start in enumerate(starts)}
+            *(f"{split}-{index}", appearance, split, *told),
+            **{str(number): scene_of(start).to_json() for number, start in enumerate(starts)},
         )
         for index, (appearance, *told, starts) in enumerate(STATEMENTS)
     ]
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> str:
+def corpus(tmp_path_factory):
     """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
-    path: Path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
+    path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
     write_corpus(path, "own", "MIT", corpus_entries("train") + corpus_entries("dev"))
     return str(path)

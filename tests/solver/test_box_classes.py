@@ -1,7 +1,5 @@
 """Boxes with equal signatures are interchangeable."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -28,7 +26,7 @@ SEPARABLE = (
 @pytest.mark.parametrize("boxes", [tower_boxes, scatter_boxes()], ids=["tower", "scatter"])
 @given(data=st.data())
 @settings(max_examples=20)
-def test_signature__determines_the_programs_value(program: str, boxes: st.SearchStrategy[Box], data: st.DataObject):
+def test_signature__determines_the_programs_value(program, boxes, data):
     queries = queries_of(program)
     assert queries is not None
     drawn = data.draw(st.lists(boxes, min_size=3, max_size=9))
@@ -51,7 +49,7 @@ def test_signature__determines_the_programs_value(program: str, boxes: st.Search
         "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(all_boxes, lambda c: count(b) == count(c)))))",
     ],
 )
-def test_signature__is_none_if_the_program_is_not_separable(program: str):
+def test_signature__is_none_if_the_program_is_not_separable(program):
     assert queries_of(program) is None
 
 
@@ -62,7 +60,7 @@ def test_signature__distinguishes_errors_from_values():
     assert len({tuple(query(box) for query in queries) for box in boxes}) == 3
 
 
-def test_search_by_class__finds_solutions_as_short_as_exhaustive_search(monkeypatch: pytest.MonkeyPatch):
+def test_search_by_class__finds_solutions_as_short_as_exhaustive_search(monkeypatch):
     starts = load_tasks("builtin", "tower", "flipit", "dev")[:120:2]
     programs = [*SEPARABLE, "count(all_items) == 5", "count(filter_color(all_items, Color.BLUE)) == 13"]
     dynamics = mdp("tower", horizon=6)

@@ -1,9 +1,6 @@
 """`lilgym-mp solve`."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
 
@@ -14,10 +11,8 @@ from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.solver import Solver
 
-Captured = pytest.CaptureFixture[str]
 
-
-def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, capsys: Captured):
+def test_solve__prints_shares_and_writes_solutions(corpus, tmp_path, capsys):
     out = tmp_path / "solutions.json"
     assert main(["solve", "--corpus", corpus, "--out", str(out)]) == 0
     printed = capsys.readouterr()
@@ -30,12 +25,12 @@ def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, 
     assert {(record["status"], record["actions"][-1]) for record in data["tasks"]} == {("solved", 0)}
 
 
-def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):
+def test_solve__limits_the_number_of_tasks(corpus, capsys):
     assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--episodes", "2"]) == 0
     assert "TowerFlipIt train 2 2 (100.00 %) 2 " in " ".join(capsys.readouterr().out.split())
 
 
-def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
+def test_solve__lists_tasks_without_solution(corpus, capsys):
     assert main(["solve", "TowerScratch", "--corpus", corpus, "--horizon", "1"]) == 0
     assert "unsolvable, no scene within 0 edits has that value" in capsys.readouterr().out
 
@@ -43,21 +38,25 @@ def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--budget", "0"], "budget must be a positive whole number of scenes"),
-        (["--episodes", "0"], "--episodes must be at least 1, not 0"),
-        (["--horizon", "0"], "horizon must be a positive whole number"),
-        (["--corpus", "nowhere.jsonl"], "nowhere.jsonl"),
-        (["Sideways"], "unknown configuration 'Sideways'"),
+        ("--budget 0", "budget must be a positive whole number of scenes"),
+        ("--episodes 0", "--episodes must be at least 1, not 0"),
+        ("--horizon 0", "horizon must be a positive whole number"),
+        ("--corpus nowhere.jsonl", "nowhere.jsonl"),
+        ("Sideways", "unknown configuration 'Sideways'"),
+        ("TowerFlipIt --show", "--show needs --task ID"),
+        ("--task 1", "--task needs exactly one CONFIGURATION"),
+        ("TowerFlipIt --task 1 --episodes 3", "--task excludes"),
+        ("TowerFlipIt --task none-such", "no task 'none-such'"),
     ],
 )
-def test_solve__names_the_mistake(options: list[str], message: str, capsys: Captured):
-    assert main(["solve", *options]) == 2
+def test_solve__names_the_mistake(options, message, capsys):
+    assert main(["solve", *options.split()]) == 2
     printed = capsys.readouterr()
     assert message in printed.err
     assert printed.out == ""
 
 
-def test_solve__shows_single_tasks_action_by_action(corpus: str, capsys: Captured):
+def test_solve__shows_single_tasks_action_by_action(corpus, capsys):
     task, *_ = load_tasks(corpus, "scatter", "flipit", "dev")
     assert main(["solve", "ScatterFlipIt", "--corpus", corpus, "--task", task.id, "--show"]) == 0
     printed = capsys.readouterr().out
@@ -69,21 +68,7 @@ def test_solve__shows_single_tasks_action_by_action(corpus: str, capsys: Capture
     assert printed.count("+--------------------+  +") == 2 * solution.steps
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["TowerFlipIt", "--show"], "--show needs --task ID"),
-        (["--task", "1"], "--task needs exactly one CONFIGURATION"),
-        (["TowerFlipIt", "--task", "1", "--episodes", "3"], "--task excludes"),
-        (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),
-    ],
-)
-def test_solve__refuses_unsuitable_options_with_task(corpus: str, arguments: list[str], message: str, capsys: Captured):
-    assert main(["solve", "--corpus", corpus, *arguments]) == 2
-    assert message in capsys.readouterr().err
-
-
-def test_task__is_found_in_its_split(capsys: Captured):
+def test_task__is_found_in_its_split(capsys):
     assert main(["solve", "TowerScratch", "--task", "tower-train-005"]) == 0
     assert "tower-train-005: make" in capsys.readouterr().out
     assert main(["solve", "TowerScratch", "--task", "tower-train-005", "--split", "dev"]) == 2

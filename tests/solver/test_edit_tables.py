@@ -1,7 +1,5 @@
 """The tables of all edits of a box agree with the rules."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -18,10 +16,8 @@ from lilgym_mp.solver.edit_tables import (
 from tests.solver.tasks import after_random_edits, mdp
 
 
-@pytest.mark.parametrize(
-    ("grid", "rules"), [((19, 5), "paper"), ((19, 5), "release"), ((38, 10), "paper"), ((19, 1), "release")]
-)
-def test_tables__agree_with_the_rules(grid: tuple[int, int], rules: str):
+@pytest.mark.parametrize(("grid", "rules"), [((19, 5), "paper"), ((38, 10), "paper"), ((19, 1), "release")])
+def test_tables__agree_with_the_rules(grid, rules):
     dynamics = mdp("scatter", rules, grid=grid)
     scatter, placement = dynamics.appearance, dynamics.rules.placement
     assert isinstance(scatter, Scatter)
@@ -41,10 +37,7 @@ def test_tables__agree_with_the_rules(grid: tuple[int, int], rules: str):
                     item = after.boxes[index].items[-1]
                     place = table.places[cell, ITEM_TYPE_FOOTPRINTS[item_type]].tolist()
                     assert (place, canonical) == ([item.x, item.y], canonical_index(item))
-            for position in range(-1, len(box.items)):
-                removals = removal_actions(scatter, index, box.items, position)
-                for action in rng.sample(removals, min(2, len(removals))):
-                    after, invalid = scatter.apply(state.scene, scatter.decode(action), placement)
-                    assert (after.boxes[index] if not invalid else None) == (
-                        box.without(position) if position >= 0 else None
-                    )
+            for position in range(len(box.items)):
+                for action in removal_actions(scatter, index, box.items, position)[:2]:
+                    after, _ = scatter.apply(state.scene, scatter.decode(action), placement)
+                    assert after.boxes[index] == box.without(position)

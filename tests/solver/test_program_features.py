@@ -1,20 +1,18 @@
 """Features of programs, and abstractions that preserve their values."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Box, Scene, Size
+from lilgym_mp.scene import Scene, Size
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.canonical_items import canonical_index
-from lilgym_mp.solver.program_features import ProgramFeatures, program_features
+from lilgym_mp.solver.program_features import program_features
 from tests.scenes import B, K, Y, circle, scatter_boxes, square, unchecked_boxes
 
 
-def of(program: str) -> ProgramFeatures:
+def of(program):
     return program_features(compile_program(program).tree)
 
 
@@ -30,7 +28,7 @@ BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE = circle(40, 40, colour=B), square(5, 5
         ("count(get_set_colors(all_items)) == 2", [B, K, Y]),
     ],
 )
-def test_item_feature__has_a_value_for_every_item(program: str, values: list[int]):
+def test_item_feature__has_a_value_for_every_item(program, values):
     (feature,) = of(program).item_features
     assert [feature.values[canonical_index(item)] for item in (BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE)] == values
 
@@ -51,14 +49,14 @@ def test_item_features__are_shared_by_programs_with_equal_tests():
         "exist(get_img_all_above(all_items))",
     ],
 )
-def test_relations__are_not_item_features(program: str):
+def test_relations__are_not_item_features(program):
     assert of(program).relational
 
 
 @pytest.mark.parametrize(
     "program", ["query_color(all_items) == [Color.BLUE]", "exist(filter_obj([all_items[0:1]], exist))"]
 )
-def test_order__matters_for_lists_and_positions(program: str):
+def test_order__matters_for_lists_and_positions(program):
     assert of(program).order_matters
 
 
@@ -78,7 +76,7 @@ NOT_RELATIONAL = (
 
 
 @given(st.tuples(*[scatter_boxes() | unchecked_boxes] * 3), st.sampled_from(NOT_RELATIONAL))
-def test_abstraction__preserves_the_programs_value(boxes: tuple[Box, Box, Box], source: str):
+def test_abstraction__preserves_the_programs_value(boxes, source):
     program = compile_program(source)
     abstraction = Abstraction(program_features(program.tree))
     left, middle, right = (abstraction.representative(abstraction.abstract(box)) for box in boxes)

@@ -1,9 +1,5 @@
 """Summaries of solved tasks, and tasks of the official corpus."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from lilgym_mp.cli.solve import TaskReport, summarise, summary_rows
@@ -25,7 +21,7 @@ def test_summary__excludes_unsolvable_tasks_from_the_share():
 
 
 @pytest.mark.parametrize(("appearance", "rules"), [("tower", "release"), ("scatter", "paper"), ("scatter", "release")])
-def test_official_tasks__are_solved_and_proven_shortest(appearance: str, rules: str, official_data: Path):
+def test_official_tasks__are_solved_and_proven_shortest(appearance, rules, official_data):
     dynamics = mdp(appearance, rules)
     solver = Solver(dynamics)
     for given in load_tasks("lilgym", appearance, "flipit", "dev")[::20]:

@@ -1,13 +1,11 @@
 """Tower is solved exactly."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.envs.rules import Outcome, State
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import tower_boxes
 from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
@@ -26,7 +24,7 @@ NEVER = "exist(filter_obj(all_items, lambda x: is_yellow(x) and is_black(x)))"
 
 @given(st.tuples(tower_boxes, tower_boxes, tower_boxes), st.sampled_from(PROGRAMS), st.booleans())
 @settings(max_examples=25)
-def test_solution__is_as_short_as_exhaustive_trial_finds(boxes: tuple[Box, Box, Box], program: str, target: bool):
+def test_solution__is_as_short_as_exhaustive_trial_finds(boxes, program, target):
     dynamics = mdp("tower", horizon=4)
     state = dynamics.start(task(program, dynamics.appearance.check_scene(Scene(boxes)), target=target))
     edits, firsts = optimal_by_trial(dynamics, state, 3)
@@ -41,7 +39,7 @@ def test_solution__is_as_short_as_exhaustive_trial_finds(boxes: tuple[Box, Box, 
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_horizon__leaves_its_last_action_to_stop(rules: str):
+def test_horizon__leaves_its_last_action_to_stop(rules):
     assert Solver(mdp("tower", rules, horizon=7)).solve(task(SIX_BLOCKS)).steps == 7
     solution = Solver(mdp("tower", rules, horizon=6)).solve(task(SIX_BLOCKS))
     assert (solution.status, solution.reason) == (Status.UNSOLVABLE, "no scene within 5 edits has that value")
@@ -49,7 +47,7 @@ def test_horizon__leaves_its_last_action_to_stop(rules: str):
 
 def test_horizon__that_is_over_is_a_value_error():
     state = State(task(SIX_BLOCKS), Scene.empty(), steps=12)
-    with pytest.raises(ValueError, match="no action is left: 12 of 12 were taken"):
+    with pytest.raises(ValueError, match="12 of 12 were taken"):
         Solver(mdp("tower")).solve_from(state)
 
 
@@ -66,6 +64,6 @@ def test_budget__that_is_exhausted_is_no_proof():
 
 
 @pytest.mark.parametrize("budget", [0, -1, True, 1.5])
-def test_budget__must_be_positive(budget: int):
-    with pytest.raises(ValueError, match=f"budget must be a positive whole number of scenes or None, not {budget}"):
+def test_budget__must_be_positive(budget):
+    with pytest.raises(ValueError, match=f"or None, not {budget}"):
         Solver(mdp("tower"), budget)

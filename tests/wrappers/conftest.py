@@ -1,11 +1,5 @@
 """A small corpus and environments on it, for the tests of wrappers."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import gymnasium as gym
 import pytest
 
@@ -14,17 +8,17 @@ from tests.corpora import BLACK, BLUE, PAIR, ROUND
 
 
 @pytest.fixture(scope="session")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corpus(tmp_path_factory):
     path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
     write_corpus(path, "own", "MIT", [BLUE, {**PAIR, "statement": "There are exactly two blocks."}, BLACK, ROUND])
     return path
 
 
 @pytest.fixture
-def make(corpus: Path) -> Callable[..., gym.Env[Any, Any]]:
+def make(corpus):
     """`make("TowerScratch", split="dev")`: an environment on the small corpus."""
 
-    def make_env(configuration: str, **settings: Any) -> gym.Env[Any, Any]:
+    def make_env(configuration, **settings):
         return gym.make(f"lilgym_mp/{configuration}-v0", **{"corpus": str(corpus), **settings})
 
     return make_env

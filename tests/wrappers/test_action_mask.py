@@ -1,21 +1,13 @@
 """The action mask in infos."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
-import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.wrappers import ActionMask, StopForcing
 
-Make = Callable[..., gym.Env[Any, Any]]
-
 STOP, ADD_LEFT_BLUE, REMOVE_MIDDLE = 0, 3, 11  # of tower's actions
 
 
-def test_action_mask__is_current_beside_the_environments_infos(make: Make):
+def test_action_mask__is_current_beside_the_environments_infos(make):
     env = ActionMask(make("TowerScratch"))
     _, info = env.reset(seed=0)
     assert info["action_mask"].tolist() == [1] * 10 + [0] * 3
@@ -25,7 +17,7 @@ def test_action_mask__is_current_beside_the_environments_infos(make: Make):
     assert env.step(REMOVE_MIDDLE)[4]["outcome"] == "invalid_action"
 
 
-def test_action_mask__respects_stop_forcing_inside_and_outside(make: Make):
+def test_action_mask__respects_stop_forcing_inside_and_outside(make):
     for stack in (lambda env: ActionMask(StopForcing(env)), lambda env: StopForcing(ActionMask(env))):
         env = stack(make("TowerFlipIt"))
         _, info = env.reset(options={"task": "pair-no"})

@@ -1,13 +1,8 @@
 """Wrappers of the proposer-verifier game."""
 
-from __future__ import annotations
-
 import warnings
-from collections.abc import Callable
 from functools import partial
 from itertools import cycle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,14 +19,12 @@ with warnings.catch_warnings():
     from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
 
 PROPOSER, VERIFIER = "proposer_0", "verifier_0"
-STOP, ADD_LEFT_YELLOW, ADD_LEFT_BLUE = 0, 1, 3  # of tower's actions
+STOP, ADD_LEFT_BLUE = 0, 3  # of tower's actions
 REJECT, ACCEPT = 0, 1
 
-STACKS: dict[str, list[Callable[[Any], Any]]] = {
-    "structured": [wrappers.structured_observation_v0],
-    "planes": [wrappers.grid_planes_v0, wrappers.steps_left_v0],
-    "channels first": [wrappers.channels_first_v0],
-    "flat": [wrappers.flat_observation_v0],
+STACKS = {
+    "planes": [wrappers.channels_first_v0, wrappers.grid_planes_v0, wrappers.steps_left_v0],
+    "flat": [wrappers.structured_observation_v0, wrappers.flat_observation_v0],
     "mask": [wrappers.stop_forcing_v0, wrappers.action_mask_v0],
     "tokens": [wrappers.box_permutation_v0, wrappers.tokenized_statement_v0],
     "embedding": [partial(wrappers.statement_embedding_v0, encoder=lambda statement: [len(statement)])],
@@ -46,19 +39,19 @@ NOT_OURS = (  # warnings of PettingZoo's tests for any environment with masks
 )
 
 
-def stacked(game: Any, names: str) -> Any:
+def stacked(game, names):
     for wrap in STACKS[names]:
         game = wrap(game)
     return game
 
 
 @pytest.fixture
-def settings(corpus: Path) -> dict[str, Any]:
+def settings(corpus):
     return {"appearance": "tower", "start": "scratch", "corpus": str(corpus), "protocol": "veto"}
 
 
 @pytest.mark.parametrize(("names", "protocol"), zip(STACKS, cycle(["veto", "joint"])))
-def test_wrapped_game__passes_pettingzoos_tests(settings: dict[str, Any], names: str, protocol: str):
+def test_wrapped_game__passes_pettingzoos_tests(settings, names, protocol):
     settings["protocol"] = protocol
     with warnings.catch_warnings():
         for message in NOT_OURS:
@@ -67,7 +60,7 @@ def test_wrapped_game__passes_pettingzoos_tests(settings: dict[str, Any], names:
         parallel_api_test(stacked(parallel_env(**settings), names), num_cycles=30)
 
 
-def test_format__transforms_each_agents_observation(settings: dict[str, Any]):
+def test_format__transforms_each_agents_observation(settings):
     game = wrappers.structured_observation_v0(parallel_env(**settings))
     observations, _ = game.reset(options={"task": "blue"})
     for agent in (PROPOSER, VERIFIER):
@@ -78,25 +71,23 @@ def test_format__transforms_each_agents_observation(settings: dict[str, Any]):
     assert observations[PROPOSER]["observation"]["item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
-def test_format__refuses_to_reveal_a_hidden_scene(settings: dict[str, Any]):
+def test_format__refuses_to_reveal_a_hidden_scene(settings):
     views = {PROPOSER: "image", VERIFIER: {"scene": "none"}}
-    with pytest.raises(WrongEnvironment, match="StructuredObservation needs observations that show the scene"):
+    with pytest.raises(WrongEnvironment, match="StructuredObservation needs"):
         wrappers.structured_observation_v0(env(**settings, views=views))
 
 
-def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
+def test_stop_forcing__allows_the_proposer_only_stop(settings):
     game = wrappers.stop_forcing_v0(env(**settings))
     game.reset(seed=0, options={"task": "blue"})
-    assert game.observe(PROPOSER)["action_mask"].sum() == 10
-    game.step(ADD_LEFT_BLUE)
-    verifiers = game.observe(VERIFIER)["action_mask"]
-    game.step(ACCEPT)
-    assert np.flatnonzero(game.observe(PROPOSER)["action_mask"]).tolist() == [STOP]
-    game.step(STOP)
-    assert np.array_equal(game.observe(VERIFIER)["action_mask"], verifiers)
+    allowed = []
+    for action in (ADD_LEFT_BLUE, ACCEPT, STOP, ACCEPT):
+        allowed.append(int(game.observe(game.agent_selection)["action_mask"].sum()))
+        game.step(action)
+    assert allowed == [10, 2, 1, 2]
 
 
-def test_action_mask__is_in_infos_as_in_observations(settings: dict[str, Any]):
+def test_action_mask__is_in_infos_as_in_observations(settings):
     game = wrappers.stop_forcing_v0(wrappers.action_mask_v0(parallel_env(**settings)))
     for actions in (None, {PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0}, {PROPOSER: STOP, VERIFIER: ACCEPT}):
         observations, *_, infos = game.reset(options={"task": "blue"}) if actions is None else game.step(actions)
@@ -104,31 +95,27 @@ def test_action_mask__is_in_infos_as_in_observations(settings: dict[str, Any]):
             assert np.array_equal(infos[agent]["action_mask"], observations[agent]["action_mask"])
 
 
-def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[str, Any]):
+def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings):
     game = wrappers.stop_forcing_v0(parallel_env(**settings | {"protocol": "joint"}))
     game.reset(seed=0, options={"task": "blue"})
-    game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
-    observations, *_ = game.step({PROPOSER: ADD_LEFT_YELLOW, VERIFIER: 0})
+    observations, *_ = game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
     assert observations[PROPOSER]["action_mask"].sum() > 1
-    assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
-def test_task_change__applies_to_the_game(settings: dict[str, Any]):
+def test_task_change__applies_to_the_game(settings):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
     assert [len(box.items) for box in game.unwrapped.scene.boxes] == [0, 1, 0]
-    with pytest.raises(
-        WrongEnvironment, match="BoxPermutation changes the tasks, so it must be applied before StepsLeft"
-    ):
+    with pytest.raises(WrongEnvironment, match="must be applied before StepsLeft"):
         wrappers.box_permutation_v0(wrappers.steps_left_v0(env(**settings)))
 
 
-def test_other_packages_wrappers__come_after_those_of_this_package(settings: dict[str, Any]):
+def test_other_packages_wrappers__come_after_those_of_this_package(settings):
     class OnlyMask(BaseParallelWrapper):
-        def observation_space(self, agent: str) -> Any:
+        def observation_space(self, agent):
             return self.env.observation_space(agent)["action_mask"]
 
-    game: Any = OnlyMask(wrappers.steps_left_v0(parallel_env(**settings)))
+    game = OnlyMask(wrappers.steps_left_v0(parallel_env(**settings)))
     with pytest.raises(WrongEnvironment, match=r"StepsLeft must be applied before .*, which changes observations"):
         wrappers.steps_left_v0(game)
     with pytest.raises(TypeError, match="SingleAgentView takes wrappers of this package alone"):
@@ -142,28 +129,22 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings: dic
         *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
     ],
 )
-def test_wrappers_of_mdp_actions__are_refused(settings: dict[str, Any], wrap: Callable[[Any], Any]):
-    with pytest.raises(
-        WrongEnvironment, match="uses the MDP's actions, but the game's agents have other action spaces"
-    ):
+def test_wrappers_of_mdp_actions__are_refused(settings, wrap):
+    with pytest.raises(WrongEnvironment, match="uses the MDP's actions"):
         wrap(env(**settings))
 
 
-def test_wrapper_of_rewards__is_refused(settings: dict[str, Any]):
-    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards; the game's own are a setting"):
+def test_wrapper_of_rewards__is_refused(settings):
+    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards"):
         wrappers.potential_shaping_v0(env(**settings))
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
-def test_wrapper__leaves_the_game_that_it_was_given_as_it_was(settings: dict[str, Any], make: Callable[..., Any]):
+def test_wrapper__leaves_the_game_that_it_was_given_as_it_was(settings, make):
     game = make(**settings)
-    space = game.observation_space(PROPOSER)
     wrapped = wrappers.stop_forcing_v0(wrappers.structured_observation_v0(game))
-    assert wrapped is not game
-    assert game.observation_space(PROPOSER) == space
-    assert wrapped.observation_space(PROPOSER) != space
-    for each in (game, wrapped):
+    for each, has_image in ((game, True), (wrapped, False)):
         each.reset(seed=0, options={"task": "blue"})
-    assert "image" in game.unwrapped.engine.observe(0)["observation"]
-    assert "image" not in wrapped.unwrapped.engine.observe(0)["observation"]
+        assert ("image" in each.observation_space(PROPOSER)["observation"].spaces) == has_image
+        assert ("image" in each.unwrapped.engine.observe(0)["observation"]) == has_image
     assert not game.unwrapped.engine.layers

@@ -1,10 +1,7 @@
 """Public names of environments, wrappers and the SB3 adapter can be sent to other processes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -59,7 +56,7 @@ if __name__ == "__main__":
 """
 
 
-def test_public_names__are_sent_to_spawned_processes_by_cloudpickle(tmp_path: Path):
+def test_public_names__are_sent_to_spawned_processes_by_cloudpickle(tmp_path):
     for needed in ("cloudpickle", "stable_baselines3", "pettingzoo"):
         pytest.importorskip(needed, reason=f"needs the package {needed}")
     script = tmp_path / "script.py"

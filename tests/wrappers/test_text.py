@@ -1,13 +1,9 @@
 """Text observations and parsing of replies."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -18,8 +14,6 @@ from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.replies import Reply, parse_reply
-
-Make = Callable[..., gym.Env[Any, Any]]
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "language_model_agent.py"
 
@@ -48,12 +42,12 @@ Legal actions, each with its number:
 Answer with one action: its name on a line of its own, such as ADD(LEFT, BLUE)."""
 
 
-def test_tower_text__is_complete(make: Make):
+def test_tower_text__is_complete(make):
     text, _ = TextObservation(make("TowerFlipIt")).reset(options={"task": "pair-no"})
     assert text == TOWER_TEXT
 
 
-def test_scatter__lists_exactly_the_legal_actions(make: Make):
+def test_scatter__lists_exactly_the_legal_actions(make):
     """Parses the lines by cell into the set of action names."""
     env = TextObservation(make("ScatterFlipIt"))
     text, _ = env.reset(options={"task": "round-yes"})
@@ -61,12 +55,12 @@ def test_scatter__lists_exactly_the_legal_actions(make: Make):
     for line in text.splitlines():
         if line.startswith(("  ADD(column", "  REMOVE(column")):
             names |= set(_names(line.strip()))
-    appearance = env.unwrapped.dynamics.appearance  # pyright: ignore[reportAttributeAccessIssue]
+    appearance = env.unwrapped.dynamics.appearance
     legal = {describe(appearance.decode(index)) for index in np.flatnonzero(env.action_masks()).tolist()}
     assert names == legal
 
 
-def _names(line: str) -> list[str]:
+def _names(line):
     form, cells = line.split("): ", 1)
     word, *item_types = form.replace("(column, row", "").split(", ")
     combinations = [""]
@@ -79,15 +73,15 @@ def _names(line: str) -> list[str]:
     return [f"{word}({column}, {row}{item_type})" for column, row in places for item_type in combinations]
 
 
-def _numbers(ranges: str) -> list[int]:
-    numbers: list[int] = []
+def _numbers(ranges):
+    numbers = []
     for part in ranges.split(", "):
         first, _, last = part.partition("-")
         numbers += range(int(first), int(last or first) + 1)
     return numbers
 
 
-def test_native_grid__only_counts_legal_actions(make: Make):
+def test_native_grid__only_counts_legal_actions(make):
     text, _ = TextObservation(make("ScatterScratch", grid="native")).reset(seed=0)
     assert "of 1064001 actions are legal, from STOP to REMOVE(379, 99)." in text
 
@@ -177,11 +171,11 @@ UNCLEAR_TOWER_REPLIES = (
 
 
 @pytest.mark.parametrize("reply", TOWER_REPLIES)
-def test_reply__names_an_action(make: Make, reply: str):
+def test_reply__names_an_action(make, reply):
     assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(TOWER_REPLIES[reply], understood=True)
 
 
-def test_reply__thought_tags_can_be_set(make: Make):
+def test_reply__thought_tags_can_be_set(make):
     env = TextObservation(make("TowerScratch"), thoughts=["hm", "{{...}}"])
     assert env.parse_action("<hm>\nSTOP\n</hm> {{\nSTOP\n}}\n3") == Reply(3, understood=True)
     assert not env.parse_action("{{ 3").understood
@@ -189,28 +183,25 @@ def test_reply__thought_tags_can_be_set(make: Make):
 
 
 @pytest.mark.parametrize("reply", [3, [{"type": "text", "text": "ADD(LEFT, "}, {"type": "text", "text": "BLUE)"}]])
-def test_reply__may_be_a_number_or_content_parts(make: Make, reply: object):
+def test_reply__may_be_a_number_or_content_parts(make, reply):
     assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(3, understood=True)
 
 
-def test_pictures__are_in_infos_of_single_environments_and_batches(make: Make):
+def test_pictures__are_in_infos_of_single_environments_and_batches(make):
     env = TextObservation(make("TowerFlipIt"), scene="image")
     text, info = env.reset(options={"task": "pair-no"})
     assert "medium blue square" not in text
-    (before,) = info["images"]
-    np.testing.assert_array_equal(np.asarray(before), draw(env.unwrapped.state.scene))  # pyright: ignore
+    np.testing.assert_array_equal(np.asarray(info["images"][0]), draw(env.unwrapped.state.scene))
     *_, info = env.step(3)
-    assert info["images"][0].tobytes() != before.tobytes()
+    np.testing.assert_array_equal(np.asarray(info["images"][0]), draw(env.unwrapped.state.scene))
     assert "medium blue square" in TextObservation(make("TowerFlipIt"), scene="both").reset(seed=0)[0]
     batch = text_observation_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), scene="image")
-    _, infos = batch.reset(seed=0)
-    assert [image.size for images in infos["images"] for image in images] == [(380, 100)] * 2
-    _, _, _, _, infos = batch.step(np.zeros(2, int))  # pyright: ignore[reportArgumentType]
-    assert len(infos["images"]) == 2
+    for *_, infos in (batch.reset(seed=0), batch.step(np.zeros(2, int))):
+        assert [image.size for images in infos["images"] for image in images] == [(380, 100)] * 2
 
 
 @pytest.mark.parametrize("reply", UNCLEAR_TOWER_REPLIES)
-def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
+def test_ambiguous_reply__gives_the_default(make, reply):
     env = TextObservation(make("TowerScratch"), default="REMOVE(RIGHT)")
     assert env.parse_action(reply) == Reply(12, understood=False)
 
@@ -226,7 +217,7 @@ def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
         "The 2 boxes at the right are done.\nADD(3, 4, CIRCLE, BLUE, SMALL)\nThat makes 3 circles.",
     ],
 )
-def test_reply__in_scatter_may_use_words(make: Make, reply: str):
+def test_reply__in_scatter_may_use_words(make, reply):
     env = TextObservation(make("ScatterScratch"))
     env.reset(seed=0)
     found = make_appearance("scatter", RELEASED_GRID).decode(env.parse_action(reply).action)
@@ -236,7 +227,7 @@ def test_reply__in_scatter_may_use_words(make: Make, reply: str):
 @pytest.mark.parametrize(
     "reply", ["4", "action 17", "add 3 small blue circles at row 4", "ADD(99, 4, CIRCLE, BLUE, SMALL)"]
 )
-def test_reply__in_scatter_ignores_numbers_that_were_not_shown(make: Make, reply: str):
+def test_reply__in_scatter_ignores_numbers_that_were_not_shown(make, reply):
     env = TextObservation(make("ScatterScratch"))
     assert env.parse_action("remove 3 4").understood  # before the first reset
     env.reset(seed=0)
@@ -246,14 +237,14 @@ def test_reply__in_scatter_ignores_numbers_that_were_not_shown(make: Make, reply
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 @pytest.mark.parametrize("form", [describe, lambda action: re.sub(r"[(),]+", " ", describe(action).lower())])
-def test_reply__can_name_every_action(appearance: str, form: Callable[[Any], str]):
+def test_reply__can_name_every_action(appearance, form):
     known = make_appearance(appearance, RELEASED_GRID)
     for index in range(0, known.action_count, 1 if known.action_count < 100 else 29):
         assert parse_reply(form(known.decode(index)), known, -1) == Reply(index, understood=True)
     assert parse_reply(form(STOP), known, -1) == Reply(0, understood=True)
 
 
-def test_scatter__cells_and_pixels_are_consistent(make: Make):
+def test_scatter__cells_and_pixels_are_consistent(make):
     """The cells in the text match the scene that ADD produces."""
     env = TextObservation(make("ScatterScratch"))
     text, _ = env.reset(seed=0)
@@ -267,7 +258,7 @@ def test_scatter__cells_and_pixels_are_consistent(make: Make):
 
 
 @pytest.mark.parametrize(("rules", "last"), [("paper", "-1"), ("release", "-0.1")])
-def test_text__states_the_rewards_of_the_rule_set(make: Make, rules: str, last: str):
+def test_text__states_the_rewards_of_the_rule_set(make, rules, last):
     text, _ = TextObservation(make("TowerScratch", rules=rules, horizon=7)).reset(seed=0)
     assert f"the episode also ends with action 7, and if that is no STOP, its reward is {last}." in text
 
@@ -279,16 +270,13 @@ def test_text__states_the_rewards_of_the_rule_set(make: Make, rules: str, last: 
         ({"default": 99}, "default must be the number or name of an action, not 99"),
     ],
 )
-def test_invalid_settings__are_refused(make: Make, settings: dict[str, Any], message: str):
+def test_invalid_settings__are_refused(make, settings, message):
     with pytest.raises(ValueError, match=message):
         TextObservation(make("TowerScratch"), **settings)
 
 
-@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
-def test_example__plays_with_a_stub_for_a_model(
-    configuration: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    options = ["--id", f"lilgym_mp/{configuration}-v0", "--episodes", "2", "--max-actions", "3"]
+def test_example__plays_with_a_stub_for_a_model(monkeypatch, capsys):
+    options = ["--id", "lilgym_mp/ScatterScratch-v0", "--episodes", "2", "--max-actions", "3"]
     monkeypatch.setattr(sys, "argv", [str(EXAMPLE), *options])
     runpy.run_path(str(EXAMPLE), run_name="__main__")
     lines = capsys.readouterr().out.splitlines()
@@ -296,7 +284,7 @@ def test_example__plays_with_a_stub_for_a_model(
     assert all(line.endswith("0 replies named no action") for line in lines)
 
 
-def test_space__contains_the_longest_texts(make: Make):
+def test_space__contains_the_longest_texts(make):
     env = TextObservation(make("ScatterFlipIt", grid=(38, 10)))
     generator = np.random.default_rng(0)
     text, _ = env.reset(options={"task": "round-yes"})

@@ -33,6 +33,20 @@ REMOVE_FROM_EMPTY = TOWER.encode(RemoveBlock(2))
 REJECT, ACCEPT = 0, 1
 CONTINUE, STOP_NOW = 0, 1
 WAIT = TOWER.action_count  # the proposer's, in turn-based games without messages
+ACTIONS = {
+    "blue": ADD_BLUE,
+    "black": ADD_BLACK,
+    "remove": REMOVE_FROM_EMPTY,  # which is invalid
+    "STOP": STOPS,
+    "wait": WAIT,
+    "reject": REJECT,
+    "accept": ACCEPT,
+    "waits": 2,  # the verifier
+    "continue": CONTINUE,
+    "halt": STOP_NOW,
+    "refuse": 0,
+    "believe": 1,
+}
 
 
 def game(**settings: Any) -> Game:

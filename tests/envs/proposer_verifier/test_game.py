@@ -1,49 +1,25 @@
 """The rules of each protocol, and the rewards."""
 
-from __future__ import annotations
-
-from typing import Any
-
-import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from hypothesis import given
-from hypothesis import strategies as st
 
-from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
+from lilgym_mp.envs.proposer_verifier import Intent, Role, TurnError
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
-from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import (
     ACCEPT,
+    ACTIONS,
     ADD_BLACK,
     ADD_BLUE,
-    CONTINUE,
     REJECT,
-    REMOVE_FROM_EMPTY,
-    STOP_NOW,
     STOPS,
-    WAIT,
     OneGame,
-    Step,
     all_steps,
     final_step,
     game,
 )
 
-ACTIONS = {
-    "blue": ADD_BLUE,
-    "black": ADD_BLACK,
-    "remove": REMOVE_FROM_EMPTY,
-    "STOP": STOPS,  # remove is invalid
-    "reject": REJECT,
-    "accept": ACCEPT,
-    "continue": CONTINUE,
-    "halt": STOP_NOW,
-    "refuse": 0,
-    "believe": 1,
-}
 # Games of the task "Some block is blue.": settings, actions, and after the last one the outcome, the agents to move,
 # the items in the scene, the rounds and both rewards.
 TURNS = """
@@ -70,18 +46,23 @@ critique exchanges=1       black reject blue         | continues      proposer 1
 """
 
 
-def items(step: Step) -> int:
+def turns_of(words):
+    """The actions of each turn; a pair where both agents move."""
+    turns = [tuple(ACTIONS[name] for name in word.split("+")) for word in words]
+    return [turn if len(turn) > 1 else turn[0] for turn in turns]
+
+
+def items(step):
     return sum(1 for _ in step.state.mdp.scene.items())
 
 
 @pytest.mark.parametrize("drawn", TURNS.strip().splitlines())
-def test_game__of_these_actions(drawn: str):
+def test_game__of_these_actions(drawn):
     played, (outcome, movers, *numbers) = drawn.split("|")[0].split(), drawn.split("|")[1].split()
     settings = dict(word.split("=") for word in played[1:] if "=" in word)
     options = {name: int(value) if value.isdigit() else value for name, value in settings.items()}
-    turns = [[ACTIONS[name] for name in word.split("+")] for word in played[1:] if "=" not in word]
     this = game(protocol=played[0], message_size=0, **options)
-    step = final_step(this, *(turn[0] if len(turn) == 1 else tuple(turn) for turn in turns))
+    step = final_step(this, *turns_of(word for word in played[1:] if "=" not in word))
     assert str(step.outcome).lower() == outcome
     assert step.movers == {"nobody": (), "proposer": (PROPOSER,), "verifier": (VERIFIER,), "both": tuple(Role)}[movers]
     assert [items(step), step.state.mdp.steps, *step.rewards] == [*map(float, numbers), float(numbers[-1])]
@@ -94,12 +75,7 @@ def test_horizon__truncates_under_the_release_rules():
 
 
 def test_joint__the_proposer_cannot_stop():
-    this = game(protocol="joint")
-    played = OneGame(this)
-    assert not played.games.masks(Role.PROPOSER, 0)[STOPS]
-    step = played.step(STOPS, CONTINUE)
-    assert (step.illegal[Role.PROPOSER], step.outcome, items(step)) == (True, Outcome.CONTINUES, 0)
-    assert this.action_counts[VERIFIER] == 2
+    assert not OneGame(game(protocol="joint")).games.masks(Role.PROPOSER, 0)[STOPS]
 
 
 def test_message__reaches_the_state_and_costs_its_sender():
@@ -119,43 +95,46 @@ def test_message__reaches_the_state_and_costs_its_sender():
     assert step.messages == (0, 3)
 
 
-ILLEGAL = [
-    ("veto", (WAIT,), "the round is spent"),
-    ("veto", (ADD_BLUE, 2), "the proposal is rejected"),
-    ("audit", (STOPS, 2), "nothing is believed"),
-    ("joint", ((STOPS, CONTINUE),), "no edit is made"),
-]
+ILLEGAL = {
+    "the round is spent": "veto wait",
+    "the proposal is rejected": "veto blue waits",
+    "nothing is believed": "audit STOP waits",
+    "no edit is made": "joint STOP+continue",
+}
 
 
-@pytest.mark.parametrize(("protocol", "actions", "meaning"), ILLEGAL, ids=[meaning for *_, meaning in ILLEGAL])
-def test_illegal_choice__counts_as_no_choice(protocol: str, actions: Any, meaning: str):
-    step = final_step(game(protocol=protocol), *actions)
+@pytest.mark.parametrize("meaning", ILLEGAL)
+def test_illegal_choice__counts_as_no_choice(meaning):
+    protocol, *words = ILLEGAL[meaning].split()
+    step = final_step(game(protocol=protocol), *turns_of(words))
     assert any(step.illegal)
     assert items(step) == 0
     assert step.judgement is None or not step.judgement.accepted
     assert step.state.mdp.steps == 1
 
 
-REWARDED: list[tuple[str, tuple[int, ...], Intent, tuple[float, float]]] = [
-    # rewards, actions in an audit, intent, expected
-    ("common", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
-    ("common", (STOPS, 0), Intent.HELPFUL, (-1.0, -1.0)),
-    ("correctness", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
-    ("correctness", (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
-    ("correctness", (STOPS, 1), Intent.HELPFUL, (-1.0, -1.0)),
-    ("correctness", (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -1.0)),
-    ("hidden", (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
-    ("hidden", (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
-    ("hidden", (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, 1.0)),
-    ("hidden", (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
-    ("hidden", (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
-]
+# Rewards, intent and actions in an audit, and both rewards.
+REWARDED = """
+common      helpful   blue STOP believe | 1.0 1.0
+common      helpful   STOP refuse       | -1.0 -1.0
+correctness helpful   blue STOP believe | 1.0 1.0
+correctness helpful   STOP refuse       | -1.0 1.0
+correctness helpful   STOP believe      | -1.0 -1.0
+correctness helpful   blue STOP refuse  | 1.0 -1.0
+hidden      deceptive STOP believe      | 1.0 -1.0
+hidden      helpful   STOP believe      | -0.2 -1.0
+hidden      helpful   blue STOP believe | 1.2 1.0
+hidden      deceptive blue STOP believe | 0.0 1.0
+hidden      deceptive STOP refuse       | 0.0 1.0
+"""
 
 
-@pytest.mark.parametrize(("rewards", "actions", "intent", "expected"), REWARDED)
-def test_rewards__in_audit(rewards: str, actions: tuple[int, ...], intent: Intent, expected: tuple[float, float]):
-    step = final_step(game(protocol="audit", rewards=rewards), *actions, intent=intent)
-    assert step.rewards == pytest.approx(expected)
+@pytest.mark.parametrize("line", REWARDED.strip().splitlines())
+def test_rewards__in_audit(line):
+    played, expected = line.split("|")
+    rewards, intent, *words = played.split()
+    step = final_step(game(protocol="audit", rewards=rewards), *turns_of(words), intent=Intent[intent.upper()])
+    assert step.rewards == pytest.approx([*map(float, expected.split())])
 
 
 def test_rewards__a_correct_rejection_that_does_not_end_the_episode_earns_nothing():
@@ -179,39 +158,9 @@ def test_engine__needs_the_action_of_the_agent_to_move():
     assert engine.movers == (VERIFIER,)
 
 
-@pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, [1]])
-def test_engine__refuses_invalid_actions(action: Any):
+@pytest.mark.parametrize("action", [-1, 14, 1.0, True, [1]])
+def test_engine__refuses_invalid_actions(action):
     engine = GameEngine(game())
     engine.reset(0, None)
     with pytest.raises(ActionError, match="proposer_0"):
         engine.step(action, None)
-
-
-GAMES = {
-    (protocol, words): game(protocol=protocol, message_size=words, views={"history": 2})
-    for protocol in PROTOCOLS
-    for words in (0, 2)
-}
-
-
-@given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
-def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, int], chances: list[int]):
-    this = GAMES[key]
-    played = OneGame(this)
-    for chance in chances:
-        movers = played.movers
-        if not movers:
-            break
-        actions = {role: chance % this.action_counts[role] for role in movers}
-        masks = {role: played.games.masks(role, 0) for role in movers}
-        step = played.step(*actions.values())
-        for role in movers:
-            assert masks[role].dtype == np.int8
-            assert masks[role].any()
-            if masks[role][actions[role]]:
-                assert not step.illegal[role]
-                assert role is VERIFIER or step.outcome is not Outcome.INVALID_ACTION
-            elif step.illegal[role]:
-                assert not masks[role][actions[role]]
-        assert bool(step.movers) != (step.terminated or step.truncated)
-        assert step.state.mdp.steps <= this.dynamics.horizon

@@ -1,9 +1,6 @@
 """Partners, SingleAgentView and measures."""
 
-from __future__ import annotations
-
 import warnings
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,7 +16,6 @@ from lilgym_mp.envs.proposer_verifier import (
     ClaimingProposer,
     OracleVerifier,
     PartnerError,
-    PartnerTurn,
     RandomPartner,
     SingleAgentView,
     env,
@@ -35,10 +31,10 @@ from lilgym_mp.envs.rules import Outcome
 from tests.envs.proposer_verifier.games import ADD_BLUE, STOPS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
-GAMES = 80
+GAMES = 60
 
 
-def some_tasks(game: Any) -> tuple[str, ...]:
+def some_tasks(game):
     """About GAMES tasks spread over the split, to keep the test short."""
     ids = game.unwrapped.tasks.ids
     return ids[:: max(1, len(ids) // GAMES)]
@@ -58,15 +54,14 @@ CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
     ],
 )
 @pytest.mark.parametrize("protocol", ["audit", "critique"])
-def test_scripted_verifiers__accept_true_and_false_claims(protocol: str, verifier: Any, rates: tuple[Any, Any]):
+def test_scripted_verifiers__accept_true_and_false_claims(protocol, verifier, rates):
     game = env(protocol=protocol, start="flipit", rewards="hidden")
     measured = measure(game, CLAIMING, verifier, tasks=some_tasks(game))
     assert (measured.true_accept_rate, measured.false_accept_rate) == rates
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize("agent", AGENTS)
-def test_single_agent_view__passes_gymnasiums_check(protocol: str, agent: str):
+@pytest.mark.parametrize(("protocol", "agent"), [("joint", PROPOSER), ("audit", VERIFIER), ("critique", PROPOSER)])
+def test_single_agent_view__passes_gymnasiums_check(protocol, agent):
     view = SingleAgentView(raw_env(protocol=protocol, rewards="hidden"), agent, "random")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -96,15 +91,16 @@ def test_single_agent_view__raises_if_it_never_has_a_turn():
 
 
 def test_single_agent_view__refuses_invalid_arguments():
-    with pytest.raises(TypeError, match="SingleAgentView needs a proposer-verifier environment, not"):
-        SingleAgentView(gym.make("CartPole-v1"), VERIFIER, "random")
-    with pytest.raises(ValueError, match="unknown agent 'judge'; choose from proposer_0, verifier_0"):
-        SingleAgentView(env(), "judge", "random")
-    with pytest.raises(ValueError, match="unknown partner 'friend'; choose from always_accept, always_reject"):
-        SingleAgentView(env(), VERIFIER, "friend")
-    with pytest.raises(TypeError, match="a partner must be callable with a PartnerTurn, not 3"):
-        SingleAgentView(env(), VERIFIER, 3)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
+    refused = [
+        ((gym.make("CartPole-v1"), VERIFIER, "random"), "needs a proposer-verifier environment, not"),
+        ((env(), "judge", "random"), "'judge'; choose from proposer_0, verifier_0"),
+        ((env(), VERIFIER, "friend"), "'friend'; choose from always_accept, always_reject"),
+        ((env(), VERIFIER, 3), "callable with a PartnerTurn, not 3"),
+    ]
+    for arguments, message in refused:
+        with pytest.raises((TypeError, ValueError), match=message):
+            SingleAgentView(*arguments)
+    with pytest.raises(ValueError, match="between 0 and 1, not 2"):
         OracleVerifier(error_rate=2)
 
 
@@ -112,13 +108,12 @@ def test_single_agent_view__refuses_invalid_arguments():
     ("action", "message"),
     [
         (WAIT, r"chose 13 \(wait\), which is not legal for proposer_0 now"),
-        (99, "action 99 of proposer_0 is out of range"),
-        ("add", "an action of proposer_0 must be a whole number 0 .. 13, not 'add'"),
-        (None, "an action of proposer_0 must be a whole number 0 .. 13, not None"),
+        (99, "99 of proposer_0 is out of range"),
+        ("add", "a whole number 0 .. 13, not 'add'"),
     ],
 )
-def test_illegal_action_of_a_partner__raises_naming_it(action: Any, message: str):
-    def bad_partner(turn: PartnerTurn) -> Any:
+def test_illegal_action_of_a_partner__raises_naming_it(action, message):
+    def bad_partner(turn):
         return action
 
     with pytest.raises(PartnerError, match=message) as caught:
@@ -136,7 +131,7 @@ def test_single_agent_view__after_the_end_needs_a_reset():
         view.step(STOPS)
 
 
-def record(*answers: tuple[bool, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
+def record(*answers, rounds=2, outcome=Outcome.SUCCESS):
     judgements = tuple(Judgement(accepted, True, holds) for accepted, holds in answers)
     return GameRecord("task", "A statement.", True, outcome, rounds, (1.0, -1.0), judgements)
 
@@ -191,9 +186,7 @@ def test_accepted_false_claims__are_those_that_end_the_game():
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_records__depend_on_the_seed_but_not_on_the_other_games_of_the_batch(
-    protocol: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_records__depend_on_the_seed_but_not_on_the_other_games_of_the_batch(protocol, monkeypatch):
     game = env(protocol=protocol, start="flipit", rewards="hidden")
     tasks = some_tasks(game)[:12]
     together = play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5)
@@ -203,8 +196,8 @@ def test_records__depend_on_the_seed_but_not_on_the_other_games_of_the_batch(
     assert play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5) == together
 
 
-@pytest.mark.parametrize("partner", ["oracle", "always_accept", "always_reject", "target_only"])
-def test_scripted__play_alike_singly_and_in_batches(partner: str):
+@pytest.mark.parametrize("partner", ["oracle", "always_accept", "target_only"])
+def test_scripted__play_alike_singly_and_in_batches(partner):
     game = env(protocol="veto", start="flipit")
     single, tasks = SCRIPTED[partner], some_tasks(game)[:20]
     batched = play_games(game, CLAIMING, single, tasks=tasks)
@@ -212,13 +205,13 @@ def test_scripted__play_alike_singly_and_in_batches(partner: str):
 
 
 class BadBatchPartner:
-    def __init__(self, actions: Any) -> None:
+    def __init__(self, actions):
         self._actions = actions
 
-    def __call__(self, turn: PartnerTurn) -> int:
+    def __call__(self, turn):
         raise AssertionError("called singly")
 
-    def batch(self, turn: Any) -> Any:
+    def batch(self, turn):
         return self._actions(len(turn.indices))
 
 
@@ -226,12 +219,11 @@ class BadBatchPartner:
     ("actions", "message"),
     [
         (lambda count: np.full(count, 10_000), "chose 10000, which is not legal for verifier_0 now"),
-        (lambda count: np.full(count, -1), "chose -1, which is not legal"),
         (lambda count: np.zeros(count + 1, int), "must return 3 whole numbers"),
         (lambda count: np.zeros(count), "must return 3 whole numbers"),
     ],
 )
-def test_batch_partner__that_breaks_the_rules_is_named(actions: Any, message: str):
+def test_batch_partner__that_breaks_the_rules_is_named(actions, message):
     game = env(protocol="joint")
     with pytest.raises(PartnerError, match=rf"partner .*BadBatchPartner.* {message}"):
         play_games(game, RandomPartner(), BadBatchPartner(actions), tasks=some_tasks(game)[:3])

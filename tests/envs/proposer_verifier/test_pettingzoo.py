@@ -1,14 +1,10 @@
 """PettingZoo's API tests for every protocol, and what they do not cover."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import warnings
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pettingzoo
@@ -22,7 +18,6 @@ from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     ENVIRONMENT_ID,
     PROTOCOLS,
-    BatchedGames,
     Role,
     SingleAgentView,
     TurnError,
@@ -38,17 +33,16 @@ from tests.scenes import B, Y, circle, scene, tower
 
 PROPOSER, VERIFIER = AGENTS
 CYCLES = 25
-FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
+FORMS = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
 GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
 OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))
-WRONG_OPTIONS: list[tuple[Any, str]] = [
+WRONG_OPTIONS = [
     ({"task": "nothing"}, "no task 'nothing'"),
-    ({"task": OTHER, "intent": "kind"}, "unknown intent 'kind'; choose from deceptive, helpful"),
-    ({"task": OTHER, "tsk": "1"}, r"unknown reset options \['tsk'\]; choose from task, intent"),
-    ({"task": replace(OTHER, program="nonsense(")}, "task 'given' cannot be played here: line 1"),
+    ({"task": OTHER, "intent": "kind"}, "'kind'; choose from deceptive, helpful"),
+    ({"task": OTHER, "tsk": "1"}, r"\['tsk'\]; choose from task, intent"),
     ({"task": replace(OTHER, statement="A block. " * 90)}, r"its statement has (\d+) (words|bytes), and observations"),
-    ({"task": replace(OTHER, start=scene([circle(0, 0)]))}, "task 'given' cannot be played here"),
-    ("task", "reset options must be a mapping"),
+    ({"task": replace(OTHER, start=scene([circle(0, 0)]))}, "'given' cannot be played here"),
+    ("task", "must be a mapping"),
 ]
 
 # PettingZoo's warnings for environments with masks in observations that are not in its hard-coded list
@@ -61,9 +55,9 @@ SPACE_WARNINGS = {"Agents have different observation space sizes"}
 
 
 @contextmanager
-def warned() -> Iterator[set[str]]:
+def warned():
     """Collects the warnings raised inside."""
-    messages: set[str] = set()
+    messages = set()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield messages
@@ -71,10 +65,10 @@ def warned() -> Iterator[set[str]]:
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_api_tests__pass_with_only_the_known_warnings(protocol: str):
-    for make, homogeneous in ((env, False), (raw_env, False), (env, True)):
+def test_api_tests__pass_with_only_the_known_warnings(protocol):
+    for homogeneous in (False, True):
         with warned() as messages:
-            api_test(make(protocol=protocol, homogeneous=homogeneous), CYCLES)
+            api_test(env(protocol=protocol, homogeneous=homogeneous), CYCLES)
         assert messages <= MASK_WARNINGS | (set() if homogeneous else SPACE_WARNINGS)
     with warned() as messages:
         parallel_api_test(parallel_env(protocol=protocol), CYCLES)
@@ -83,7 +77,7 @@ def test_api_tests__pass_with_only_the_known_warnings(protocol: str):
 
 
 @pytest.mark.parametrize(("views", "appearance"), [("image", "tower"), ("structured", "scatter")])
-def test_api_test__passes_for_every_view(views: str, appearance: str):
+def test_api_test__passes_for_every_view(views, appearance):
     settings = {"views": views, "appearance": appearance, "start": "flipit", "rewards": "hidden", "message_size": 2}
     with warned() as messages:
         api_test(env(**settings), CYCLES)
@@ -91,55 +85,41 @@ def test_api_test__passes_for_every_view(views: str, appearance: str):
     assert messages <= MASK_WARNINGS | SPACE_WARNINGS
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_seed_tests__pass(protocol: str):
+@pytest.mark.parametrize("protocol", ["veto", "joint"])
+def test_seed_state_and_render_tests__pass(protocol, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 10_000)
     seed_test(lambda: env(protocol=protocol), CYCLES)
     parallel_seed_test(lambda: parallel_env(protocol=protocol), CYCLES)
+    render_test(lambda **how: env(protocol=protocol, **how))
+    state_test(env(protocol=protocol), parallel_env(protocol=protocol))
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_aec_and_parallel__play_the_same_game(protocol: str):
+def test_aec_and_parallel__play_the_same_game(protocol):
     turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
     rng = np.random.default_rng(1)
     for episode in range(5):
         turns.reset(seed=episode)
         observations, _ = parallel.reset(seed=episode)
         while parallel.agents:
-            legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
-            actions = {agent: int(rng.choice(indices)) for agent, indices in legal.items()}
+            actions = {agent: rng.choice(np.flatnonzero(observations[agent]["action_mask"])) for agent in AGENTS}
             movers = len(turns.engine.movers)
-            observations, rewards, terminations, truncations, infos = parallel.step(actions)
+            observations, *outcome = parallel.step(actions)
             for _ in range(movers):
                 turns.step(actions[turns.agent_selection])
             assert data_equivalence({agent: turns.observe(agent) for agent in AGENTS}, observations)
-            assert (turns.rewards, turns.terminations) == (rewards, terminations)
-            assert (turns.truncations, turns.infos) == (truncations, infos)
+            assert [turns.rewards, turns.terminations, turns.truncations, turns.infos] == outcome
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_state_and_render_tests__pass(protocol: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 10_000)
-    render_test(lambda **how: env(protocol=protocol, **how))
-    state_test(env(protocol=protocol), parallel_env(protocol=protocol))
-
-
-def test_render__shows_the_last_actions():
-    game = parallel_env(protocol="joint", render_mode="ansi")
-    game.reset(seed=0)
-    game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
-    shown = game.render()
-    assert isinstance(shown, str)
-    assert "proposer: ADD(LEFT, BLUE);  verifier: continue" in shown
-    assert "continues, rewards -0.1 and -0.1" in shown
-
-
-def test_render__shows_an_answer_with_the_proposal_that_it_answers():
+def test_render__shows_an_answer_with_the_proposal_that_it_answers_and_the_rewards():
     game = env(protocol="veto", render_mode="ansi")
     game.reset(seed=0)
     game.step(ADD_BLUE)
     game.step(game.unwrapped.read_action(VERIFIER, "accept"))
-    assert "proposer: ADD(LEFT, BLUE);  verifier: accept" in str(game.render())
+    shown = str(game.render())
+    assert "proposer: ADD(LEFT, BLUE);  verifier: accept" in shown
+    assert "continues, rewards -0.1 and -0.1" in shown
 
 
 def test_parallel__allows_only_wait_out_of_turn_and_reports_illegal_choices():
@@ -167,18 +147,6 @@ def test_aec__keeps_an_agents_infos_until_it_acts():
         game.step(accept)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_seed__may_be_numpys_and_is_checked_first(form: str):
-    game, same = FORMS[form](), FORMS[form]()
-    game.reset(seed=np.int64(3))
-    same.reset(seed=3)
-    task = game.unwrapped.task
-    assert same.unwrapped.task == task
-    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not -3"):
-        game.reset(seed=-3, options={"task": OTHER})
-    assert game.unwrapped.task == task
-
-
 def test_joint_aec__hides_the_proposers_action_from_the_verifier():
     game = raw_env(protocol="joint", views={"history": 2})
     game.reset(seed=0)
@@ -194,8 +162,6 @@ def test_joint_aec__hides_the_proposers_action_from_the_verifier():
 def test_infos__have_the_outcome_but_not_the_truth_by_default():
     game = parallel_env(protocol="joint")
     _, infos = game.reset(seed=0)
-    assert infos == {PROPOSER: {}, VERIFIER: {}}
-    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: CONTINUE})
     assert infos == {PROPOSER: {}, VERIFIER: {}}
     *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: STOP_NOW})
     assert infos[VERIFIER].keys() == {"outcome", "is_success"}
@@ -218,23 +184,29 @@ def test_truth__is_in_no_observation():
     assert set(game.observation_space(PROPOSER)["observation"]) == {*parts, "intent"}
 
 
-@pytest.mark.parametrize("statement", ["tokens", "text"])
 @pytest.mark.parametrize("form", FORMS)
-def test_options__set_task_and_intent_or_change_nothing(form: str, statement: str):
-    game = FORMS[form](rewards="hidden", views={"statement": statement})
+def test_options__set_task_and_intent(form):
+    game = FORMS[form](rewards="hidden", views={"statement": "text"})
     tasks = game.unwrapped.tasks
     for choice, played in ((GIVEN, GIVEN), (OTHER, OTHER), (tasks.ids[3], tasks[3]), (tasks[4], tasks[4])):
         game.reset(options={"task": choice, "intent": "deceptive"})
         assert (game.unwrapped.task, game.unwrapped.scene) == (played, played.start)
         seen = game.unwrapped.engine.observe(Role.PROPOSER)["observation"]
         assert (seen["target"], seen["intent"]) == (played.target, 1)
-        if statement == "text":
-            assert read_text(seen["statement"]) == played.statement
-        game.reset(options={"task": GIVEN})
-        for options, message in WRONG_OPTIONS:
-            with pytest.raises(ValueError, match=message):
-                game.reset(seed=1, options=options)
-        assert game.unwrapped.task == GIVEN
+        assert read_text(seen["statement"]) == played.statement
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_options_and_seeds__that_are_wrong_change_nothing(form):
+    game = FORMS[form](rewards="hidden")
+    tasks = game.unwrapped.tasks
+    game.reset(options={"task": GIVEN})
+    for options, message in WRONG_OPTIONS:
+        with pytest.raises(ValueError, match=message):
+            game.reset(seed=1, options=options)
+    with pytest.raises(ValueError, match="not -3"):
+        game.reset(seed=-3, options={"task": OTHER})
+    assert game.unwrapped.task == GIVEN
     game.reset(seed=2, options={"camera": "left", "task": GIVEN})  # of another layer
     assert game.unwrapped.task == GIVEN
     game.reset(seed=2, options={"task": None, "intent": None})
@@ -242,7 +214,7 @@ def test_options__set_task_and_intent_or_change_nothing(form: str, statement: st
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_step__before_reset_is_refused(form: str):
+def test_step__before_reset_is_refused(form):
     game = FORMS[form]()
     expected = (AssertionError, "reset.. needs to be called") if form == "env" else (ResetNeeded, "call reset")
     with pytest.raises(expected[0], match=expected[1]):
@@ -250,10 +222,10 @@ def test_step__before_reset_is_refused(form: str):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_step__after_the_end_is_refused(form: str):
+def test_step__after_the_end_is_refused(form):
     game = FORMS[form](protocol="joint")
     game.reset(seed=0)
-    again: Any = ADD_BLUE
+    again = ADD_BLUE
     if form == "parallel_env":
         again = {PROPOSER: ADD_BLUE, VERIFIER: STOP_NOW}
         game.step(again)
@@ -270,49 +242,44 @@ def test_step__refuses_actions_for_others_and_outside_the_action_space():
     game.reset(seed=0)
     turns.reset(seed=0)
     for actions in ({}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}):
-        with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
+        with pytest.raises(TurnError, match="for proposer_0 and verifier_0, not for"):
             game.step(actions)
-    for step in (lambda: game.step({PROPOSER: 14, VERIFIER: 2}), lambda: turns.step(14)):
-        with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
-            step()
+    for played, actions in ((game, {PROPOSER: 14, VERIFIER: 2}), (turns, 14)):
+        with pytest.raises(ActionError, match=r"14 of proposer_0 is out of range; choose from 0 .. 13"):
+            played.step(actions)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_close__makes_everything_raise(form: str):
+def test_close__makes_everything_raise(form):
     game = FORMS[form](render_mode="ansi")
     game.reset(seed=0)
-    view = SingleAgentView(FORMS[form](), PROPOSER, "oracle")
-    view.reset(seed=0)
-    games = BatchedGames(1)
-    games.reset(seed=0)
-    for closed in (game, game, view, games):
-        closed.close()
-    actions = {PROPOSER: ADD_BLUE, VERIFIER: 2}
-    uses: list[Callable[[], Any]] = [
+    game.close()
+    game.close()
+    uses = [
         game.reset,
         game.render,
         game.state,
         lambda: game.unwrapped.scene,
         lambda: game.unwrapped.change_tasks(lambda tasks: tasks),
-        lambda: game.step(actions if form == "parallel_env" else ADD_BLUE),
-        view.reset,
-        view.action_masks,
-        lambda: view.step(ADD_BLUE),
-        games.reset,
-        lambda: games.step({agent: np.zeros(1, int) for agent in AGENTS}),
+        lambda: game.step({PROPOSER: ADD_BLUE, VERIFIER: 2} if form == "parallel_env" else ADD_BLUE),
     ]
     for use in uses if form == "parallel_env" else [*uses, game.last, lambda: game.observe(PROPOSER)]:
         with pytest.raises(ClosedEnvironmentError):
             use()
 
 
-@pytest.mark.parametrize("is_reset", [False, True])
+def test_close__of_a_single_agent_view_makes_everything_raise():
+    view = SingleAgentView(env(), PROPOSER, "oracle")
+    view.reset(seed=0)
+    view.close()
+    for use in (view.reset, view.action_masks, lambda: view.step(ADD_BLUE)):
+        with pytest.raises(ClosedEnvironmentError):
+            use()
+
+
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[Any], Any], is_reset: bool):
-    game = raw_env()
-    if is_reset:
-        game.reset()
-    copies = [copied(game) for _ in range(8)]
+def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied):
+    copies = [copied(raw_env()) for _ in range(8)]
     for one in copies:
         one.reset()
     assert len({one.task.id for one in copies}) > 1
@@ -325,18 +292,18 @@ def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[A
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="this pettingzoo has no registry")
 @pytest.mark.parametrize(("kind", "base"), [("aec", pettingzoo.AECEnv), ("parallel", pettingzoo.ParallelEnv)])
-def test_registry__makes_aec_and_parallel(kind: Any, base: type):
+def test_registry__makes_aec_and_parallel(kind, base):
     game = pettingzoo.make(kind, ENVIRONMENT_ID, protocol="audit")
     assert isinstance(game, base)
     assert game.unwrapped.engine.game.protocol.name == "audit"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_read_action__is_the_inverse_of_describe_action(protocol: str):
+def test_read_action__is_the_inverse_of_describe_action(protocol):
     game = raw_env(protocol=protocol, message_size=2)
     for agent in AGENTS:
         for action in range(game.action_space(agent).n):
             assert game.read_action(agent, game.describe_action(agent, action)) == action
     assert game.read_action(PROPOSER, "add( left,blue )") == ADD_BLUE * 3
-    with pytest.raises(ActionError, match="'fly' is not an action of proposer_0; actions look like 'STOP', "):
+    with pytest.raises(ActionError, match=r"'fly' .* actions look like 'STOP', "):
         game.read_action(PROPOSER, "fly")

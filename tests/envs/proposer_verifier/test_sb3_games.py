@@ -1,8 +1,6 @@
 """The game as a Stable-Baselines3 `VecEnv`."""
 
-from __future__ import annotations
-
-from typing import Any
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,98 +8,81 @@ import supersuit
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
 
-from lilgym_mp.envs.proposer_verifier import AGENTS, PartnerTurn, Role, SingleAgentView, env, parallel_env
+from lilgym_mp.envs.proposer_verifier import (
+    AGENTS,
+    BatchedGames,
+    Role,
+    SingleAgentView,
+    env,
+    parallel_env,
+)
 from lilgym_mp.sb3 import InfoMasks, make_game_vec_env
 from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.testing import assert_same, check_sb3_games
 
 PROPOSER, VERIFIER = AGENTS
-GAMES, STEPS = 4, 25
+GAMES, STEPS = 4, 20
 
 
-def claims_after_two_edits(turn: PartnerTurn) -> int:
+def claims_after_two_edits(turn):
     return int(np.flatnonzero(turn.action_mask)[0 if turn.state.mdp.steps == 2 else -1])
 
 
-def legal_actions(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def legal_actions(masks, rng):
     return np.array([rng.choice(np.flatnonzero(mask)) for mask in masks])
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
 @pytest.mark.parametrize("agent", AGENTS)
-def test_one_seat__plays_as_single_agent_views_do(protocol: str, agent: str):
+def test_one_seat__plays_as_single_agent_views_do(protocol, agent):
     partner = "oracle" if agent == PROPOSER else claims_after_two_edits
-    settings: dict[str, Any] = {"protocol": protocol, "rewards": "hidden"}
-    games = make_game_vec_env(GAMES, agent, partner, seed=3, monitor=False, **settings)
-    views = [SingleAgentView(env(**settings), agent, partner) for _ in range(GAMES)]
-    rng, seen = np.random.default_rng(0), games.reset()
-    expected = [view.reset(seed=3 + index)[0] for index, view in enumerate(views)]
-    assert games.observation_space == views[0].observation_space
-    for _ in range(STEPS):
-        for index, view in enumerate(views):
-            assert all(np.array_equal(part, seen[key][index]) for key, part in expected[index].items())
-            assert np.array_equal(view.action_masks(), get_action_masks(games)[index])
-        actions = legal_actions(get_action_masks(games), rng)
-        seen, rewards, dones, infos = games.step(actions)
-        for index, view in enumerate(views):
-            expected[index], reward, terminated, truncated, info = view.step(actions[index])
-            assert rewards[index] == np.float32(reward)
-            assert dones[index] == (terminated or truncated)
-            assert infos[index].get("outcome") == info.get("outcome")
-            if dones[index]:
-                last, expected[index] = expected[index], view.reset()[0]
-                assert all(np.array_equal(last[key], infos[index]["terminal_observation"][key]) for key in last)
-                assert infos[index]["TimeLimit.truncated"] == truncated
+    settings = {"protocol": protocol, "rewards": "hidden"}
+    make = partial(make_game_vec_env, GAMES, agent, partner, **settings)
+    check_sb3_games(make, lambda: SingleAgentView(env(**settings), agent, partner), steps=12)
+    assert make().observation_space == SingleAgentView(env(**settings), agent, partner).observation_space
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
-def test_both_seats__are_two_rows_of_parallel_games(protocol: str):
+def test_both_seats__are_two_rows_of_a_game_of_a_batch(protocol):
     games = make_game_vec_env(GAMES, protocol=protocol, seed=3, rewards="correctness")
-    singles = [parallel_env(protocol=protocol, homogeneous=True, rewards="correctness") for _ in range(GAMES)]
-    rng, seen = np.random.default_rng(0), games.reset()
-    expected = [single.reset(seed=3 + index)[0] for index, single in enumerate(singles)]
-    returns, ended = np.zeros(2 * GAMES), 0
+    batch = BatchedGames(GAMES, protocol=protocol, homogeneous=True, rewards="correctness")
+    rng, seen, (expected, _) = np.random.default_rng(0), games.reset(), batch.reset(seed=3)
+    ended = 0
     for _ in range(STEPS):
         actions = legal_actions(get_action_masks(games), rng)
-        for row, agent in enumerate(games.get_attr("agent")):
-            one = expected[row // 2][agent]
-            assert all(np.array_equal(part, seen[key][row]) for key, part in one["observation"].items())
-            assert np.array_equal(get_action_masks(games)[row], one["action_mask"])
-        seen, _, dones, infos = games.step(actions)
-        for index, single in enumerate(singles):
-            expected[index], rewards, *_ = single.step(dict(zip(AGENTS, actions[2 * index :][:2], strict=True)))
-            returns[2 * index :][:2] += [rewards[agent] for agent in AGENTS]
-            if single.agents:
-                continue
-            expected[index], _ = single.reset()
-            for row in (2 * index, 2 * index + 1):
-                assert dones[row]
-                assert infos[row]["agent"] == AGENTS[row % 2]
-                assert infos[row]["episode"]["r"] == pytest.approx(returns[row], abs=1e-6)
-                returns[row], ended = 0, ended + 1
+        for seat, agent in enumerate(games.get_attr("agent")[:2]):
+            assert_same({key: part[seat::2] for key, part in seen.items()}, expected[agent]["observation"])
+            assert np.array_equal(get_action_masks(games)[seat::2], expected[agent]["action_mask"])
+        seen, rewards, dones, infos = games.step(actions)
+        expected, payed, *_ = batch.step({PROPOSER: actions[::2], VERIFIER: actions[1::2]})
+        assert rewards == pytest.approx(np.stack([*payed.values()], axis=1).ravel())
+        ended += dones.sum()
     assert ended > GAMES
+    assert [info["agent"] for info in infos] == [*AGENTS] * GAMES
 
 
-@pytest.mark.parametrize(("agent", "partner"), [(PROPOSER, "oracle"), (VERIFIER, "helpful"), ("both", None)])
-def test_maskable_ppo__learns_from_it(agent: str, partner: str | None):
+@pytest.mark.parametrize(("agent", "partner"), [(VERIFIER, "helpful"), ("both", None)])
+def test_maskable_ppo__learns_from_it(agent, partner):
     games = make_game_vec_env(8, agent, partner, seed=0, views="guide", protocol="critique")
     assert is_masking_supported(games)
-    model = MaskablePPO("MultiInputPolicy", games, n_steps=8, batch_size=32, n_epochs=1, seed=0)
-    model.learn(128)
-    assert model.num_timesteps == 128
+    model = MaskablePPO("MultiInputPolicy", games, n_steps=4, batch_size=32, n_epochs=1, seed=0)
+    model.learn(32)
+    assert model.num_timesteps >= 32
 
 
 def test_wrong_arguments__are_named():
-    with pytest.raises(ValueError, match="agent='both' takes no partner, not partner='oracle'"):
-        make_game_vec_env(2, "both", "oracle")
-    with pytest.raises(ValueError, match="agent='verifier_0' needs a partner for the other seat, not partner=None"):
-        make_game_vec_env(2, VERIFIER)
-    with pytest.raises(ValueError, match="unknown agent 'judge'; choose from both, proposer_0, verifier_0"):
-        make_game_vec_env(2, "judge")
+    for arguments, message in (
+        (("both", "oracle"), "'both' takes no partner, not partner='oracle'"),
+        ((VERIFIER,), "'verifier_0' needs a partner for the other seat, not partner=None"),
+        (("judge",), "'judge'; choose from both, proposer_0, verifier_0"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make_game_vec_env(2, *arguments)
     games = make_game_vec_env(2, PROPOSER, "oracle", protocol="veto")
     games.reset()
     with pytest.raises(ActionError, match="99"):
         games.step(np.array([0, 99]))
-    with pytest.raises(AttributeError, match="games in a batch have no 'task'; choose from action_masks, agent"):
+    with pytest.raises(AttributeError, match="'task'; choose from action_masks, agent"):
         games.get_attr("task")
 
 

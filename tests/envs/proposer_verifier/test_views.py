@@ -1,52 +1,36 @@
 """The parts of each agent's observation."""
 
-from __future__ import annotations
-
 import copy
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
+from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.scene.render import draw
-from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, game
+from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game
 
 PROPOSER, VERIFIER = AGENTS
 
 
-def engine(**settings: Any) -> GameEngine:
+def engine(**settings):
     """The engine after reset, with the only task."""
     started = GameEngine(game(**settings))
     started.reset(0, None)
     return started
 
 
-@pytest.mark.parametrize("size", ["half", "native"])
-def test_image__is_the_drawn_scene(size: str):
-    game = engine(protocol="joint", image_size=size)
+def test_scene__is_drawn_or_listed_item_by_item():
+    game = engine(protocol="joint", image_size="native", views={PROPOSER: "image", VERIFIER: "structured"})
     game.step(ADD_BLUE, 0)
-    seen = game.observe(Role.VERIFIER)["observation"]
-    assert np.array_equal(seen["image"], draw(game.state.mdp.scene, size))
-    assert "proposal" not in seen
-
-
-def test_structured_scene__lists_each_item():
-    game = engine(views="structured")
-    game.step(ADD_BLUE, None)
-    game.step(None, ACCEPT)
-    items = game.observe(Role.VERIFIER)["observation"]["item_array"]
-    assert items.shape == (3, 4, 5)
-    assert items[0, 0].tolist() == [40, 80, 1, 2, 1]
-    assert (items.reshape(-1, 5)[1:] == -1).all()
-
-
-def test_text__can_be_decoded():
-    game = engine(views={"statement": "text"})
-    assert read_text(game.observe(Role.VERIFIER)["observation"]["statement"]) == "Some block is blue."
+    drawn, listed = (game.observe(role)["observation"] for role in Role)
+    assert np.array_equal(drawn["image"], draw(game.state.mdp.scene, "native"))
+    assert "proposal" not in drawn
+    assert listed["item_array"].shape == (3, 4, 5)
+    assert listed["item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
+    assert (listed["item_array"].reshape(-1, 5)[1:] == -1).all()
 
 
 def test_tokens__encode_the_statement():
@@ -101,12 +85,12 @@ def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():
 
 
 @pytest.mark.parametrize("split", ["train", "dev"])
-def test_spaces__are_the_same_for_every_split(split: str):
+def test_spaces__are_the_same_for_every_split(split):
     assert parallel_env(split=split).observation_space(PROPOSER) == parallel_env().observation_space(PROPOSER)
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copy_in_mid_game__continues_identically(copied: Any):
+def test_copy_in_mid_game__continues_alike(copied):
     game = parallel_env(protocol="joint", views={"history": 2})
     game.reset(seed=3)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
