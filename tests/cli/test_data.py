@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
-from tests.corpora import register_as_official, small_entries, write_released
+from tests.corpora import entry, register_as_official, small_entries, write_released
 
 Run = Callable[..., str]
 
@@ -145,10 +145,8 @@ def test_output__is_overwritten_only_with_force(command: str, data: Run, error_o
 
 def test_check_and_synthesize__list_no_empty_sets_and_leave_out_what_is_always_true(data: Run, tmp_path: Path):
     blue = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
-    rows = [
-        {"id": name, "appearance": "tower", "split": "dev", "statement": name, "program": program, "starts": []}
-        for name, program in [("blue", blue), ("always", f"{blue} or not {blue}"), ("never", f"{blue} and not {blue}")]
-    ]
+    programs = {"blue": blue, "always": f"{blue} or not {blue}", "never": f"{blue} and not {blue}"}
+    rows = [entry(name, "tower", "dev", name, program) for name, program in programs.items()]
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", rows)
     assert " 0 tasks" not in data("check", tmp_path / "own.jsonl")
     output = data("synthesize", tmp_path / "own.jsonl", "--out", tmp_path / "new.jsonl")

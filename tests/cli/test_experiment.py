@@ -15,12 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
+from lilgym_mp.cli import USAGE_ERROR, experiment_runs
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
+from tests.command_line import lilgym
 from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
@@ -90,9 +91,7 @@ def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path: Path):
         ('"imitation"\nconfigurations = ["TowerFlipIt"]\nempty_starts = 0', ["TowerFlipIt"]),
         ('"ppo"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
         ('"ppo"\nconfigurations = ["TowerFlipIt"]\nrecipe = "paper"', ["TowerFlipIt"]),
-        ('"ppo"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
         ('"reward-model"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
-        ('"reward-model"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
     ],
 )
 def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str, played: list[str]):
@@ -111,7 +110,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path: Path
     teacher = "{out}/runs/teacher-{seed}"
     """
     file = write_file(tmp_path / "a.toml", text)
-    assert main(["experiment", str(file), "--out", "here", "--list"]) == 0
+    assert lilgym(f"experiment {file} --out here --list") == 0
     training = capsys.readouterr().out.splitlines()[::2]
     assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
@@ -129,6 +128,7 @@ def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
     [
         ("colour = 1\n" + SMALL, "unknown key 'colour'; choose from configurations, corpus"),
         (SMALL + "speed = 3", r"learners\[0\]: unknown key 'speed'; choose from actions"),
+        (SMALL.replace("ppo", "game") + 'protocol = "poker"', r"--protocol: invalid choice: 'poker' \(choose from"),
         (SMALL.replace("ppo", "sarsa"), r"learners\[0\]: unknown learner 'sarsa'; choose from game, imitation"),
         (SMALL.replace("TowerScratch", "Tower"), "unknown configuration 'Tower'; choose from ScatterFlipIt"),
         ("seeds = [1, 1]\n" + SMALL, "seeds: must be a non-empty list of distinct values"),
@@ -156,53 +156,49 @@ def test_plan__errors_name_file_key_and_choices(tmp_path: Path, text: str, messa
 
 
 def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file, command = tmp_path / "a.toml", ["experiment", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]
-    write_file(file, SMALL)
-    assert main([*command, "--split", "test"]) == USAGE_ERROR
+    file = write_file(tmp_path / "a.toml", SMALL)
+    command = f"experiment {file} --out {tmp_path / 'out'}"
+    assert lilgym(f"{command} --split test") == USAGE_ERROR
     assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
     write_file(file, f'corpus = "{tmp_path / "own.jsonl"}"\n{SMALL}')
-    for split in (["--split", "test"], []):
-        assert main([*command, *split]) == USAGE_ERROR
+    for split in ("--split test", ""):
+        assert lilgym(f"{command} {split}") == USAGE_ERROR
         assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
 
 
 def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file = str(write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL))
-    assert main(["experiment", file, "--list", "--only", "ppo-TowerScratch-1"]) == 0
+    file = write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL)
+    assert lilgym(f"experiment {file} --list --only ppo-TowerScratch-1") == 0
     assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
-    assert main(["experiment", file, "--only", "ppo-TowerScratch-2"]) == USAGE_ERROR
+    assert lilgym(f"experiment {file} --only ppo-TowerScratch-2") == USAGE_ERROR
     assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux pins processes to cores")
-@pytest.mark.parametrize(("cores", "jobs", "threads"), [({0}, [], 1), ({0, 1, 2, 3}, ["--jobs", "2"], 2)])
+@pytest.mark.parametrize(("cores", "jobs", "threads"), [({0}, "", 1), ({0, 1, 2, 3}, "--jobs 2", 2)])
 def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: set[int], jobs: list[str], threads: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: set[int], jobs: str, threads: int
 ):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: cores)
     seen: list[int] = []
     monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
-    file = str(write_file(tmp_path / "a.toml", SMALL))
-    assert main(["experiment", file, "--out", str(tmp_path / "out"), *jobs]) == 0
+    file = write_file(tmp_path / "a.toml", SMALL)
+    assert lilgym(f"experiment {file} {jobs} --out", tmp_path / "out") == 0
     assert seen == [threads]
 
 
 @pytest.mark.long
 def test_experiment__trains_the_game_and_measures_it(tmp_path: Path):
-    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nsteps = 4_096\n'
-    small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"
-    text = 'configurations = ["TowerScratch"]\n' + game.format("joint") + small + game.format("audit") + small
-    partners = 'verifiers = "always-accept"\n'
-    file = write_file(tmp_path / "game.toml", text + partners)
-    place = tmp_path / "results"
-    assert main(["experiment", str(file), "--out", str(place), "--only", "audit-TowerScratch-0"]) == 0
-    results = json.loads((place / "episodes" / "audit-TowerScratch-0-dev.json").read_text())["results"]
-    assert {(one["verifier"], one["protocol"]) for one in results} >= {("oracle", "audit"), ("target-only", "audit")}
-    wrong = write_file(tmp_path / "wrong.toml", text.replace('protocol = "joint"', 'protocol = "poker"'))
-    with pytest.raises(CommandError, match=r"learners\[0\]: .*--protocol: invalid choice: 'poker' \(choose from"):
-        read_plan(wrong)
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    head = f'corpus = "{own}"\nconfigurations = ["TowerScratch"]\n[[learners]]\nlearner = "game"\nsteps = 64\n'
+    game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\n'
+    file = write_file(tmp_path / "game.toml", head + game + FEW)
+    assert lilgym(f"experiment {file} --out", tmp_path / "results") == 0
+    results = tmp_path / "results" / "episodes" / "audit-TowerScratch-0-dev.json"
+    found = {(one["verifier"], one["protocol"]) for one in json.loads(results.read_text())["results"]}
+    assert found >= {("oracle", "audit"), ("target-only", "audit")}
 
 
 class Script(Attempt):
@@ -257,8 +253,7 @@ def test_experiment__training_ends_when_the_command_is_killed(tmp_path: Path):
 def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     """Starts an experiment in a subprocess and waits until its run has some progress."""
     file = write_file(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
-    options = ["--out", str(directory / "out"), "--jobs", "2"]
-    command = [sys.executable, "-m", "lilgym_mp", "experiment", str(file), *options]
+    command = f"{sys.executable} -m lilgym_mp experiment {file} --jobs 2 --out {directory / 'out'}".split()
     with (directory / "output").open("w") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
     progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
@@ -292,7 +287,7 @@ def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path: Path):
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
     assert 0 < len(before.splitlines()) < 20
-    assert main(["experiment", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 0
+    assert lilgym(f"experiment {tmp_path / 'one.toml'} --jobs 2 --out", tmp_path / "out") == 0
     after = (run / "progress.jsonl").read_text()
     assert after.startswith(before)
     assert json.loads(after.splitlines()[-1])["steps"] >= 640
@@ -324,13 +319,17 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
+@pytest.mark.parametrize(
+    ("marker", "message"),
+    [
+        ('{"commands": [["other"]]}', r"a\.json: the run a was made with other options: \['other'\]"),
+        ("{}", r"a\.json: damaged"),
+    ],
+)
+def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path, marker: str, message: str):
     (tmp_path / "finished").mkdir()
-    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]]}))
-    with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
-        make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
-    (tmp_path / "finished" / "a.json").write_text("{}")
-    with pytest.raises(CommandError, match=r"a\.json: damaged"):
+    (tmp_path / "finished" / "a.json").write_text(marker)
+    with pytest.raises(CommandError, match=message):
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
 
 
@@ -361,25 +360,24 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     place = tmp_path / "results"
-    command = ["experiment", str(FILES / "smoke.toml"), "--out", str(place), "--jobs", "2"]
+    command = f"experiment {FILES / 'smoke.toml'} --out {place} --jobs 2"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    assert main(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
+    assert lilgym(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
     assert "3 of 3 runs finished" in capsys.readouterr().out
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     (place / "finished" / "policies.json").unlink()
-    assert main(command) == 0
+    assert lilgym(command) == 0
     changed = {path.parts[-2] for path, when in before.items() if path.stat().st_mtime_ns != when}
     assert changed == {"policies", "logs", "finished"}
     capsys.readouterr()
     run = place / "runs" / "ppo-TowerScratch-0"  # already recorded, so not evaluated again
-    assert main(["report", str(place / "episodes"), str(run), "--out", str(tmp_path / "report")]) == 0
+    assert lilgym(f"report {place / 'episodes'} {run} --out", tmp_path / "report") == 0
     assert "episodes:" not in capsys.readouterr().out
     page = (tmp_path / "report" / "index.html").read_text()
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page
-    assert next((tmp_path / "report" / "figures").glob("figure-3*.svg")).stat().st_size
     trained = (run / "agent.safetensors").stat().st_mtime_ns
-    assert main([*command, "--split", "test"]) == 0
+    assert lilgym(f"{command} --split test") == 0
     assert "TowerScratch test" in (place / "test.md").read_text()
     assert (run / "agent.safetensors").stat().st_mtime_ns == trained
-    assert main(command) == 0  # the evaluations on dev are still finished
+    assert lilgym(command) == 0  # the evaluations on dev are still finished

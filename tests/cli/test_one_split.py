@@ -7,9 +7,9 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.wrappers import tokenized_statement_v0
+from tests.command_line import lilgym
 from tests.corpora import entry
 
 STATEMENT = "A blue block crowns some box."
@@ -30,7 +30,7 @@ def corpus(tmp_path: Path, split: str) -> str:
 def test_evaluate__counts_no_statement_as_seen_or_unseen(
     corpus: str, split: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", split]) == 0
+    assert lilgym(f"evaluate --policy expert --corpus {corpus} --split {split}") == 0
     output = capsys.readouterr().out
     assert "100.0 %" in output
     assert "seen" not in output

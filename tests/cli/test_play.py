@@ -10,28 +10,27 @@ from collections.abc import Callable
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.cli.play import read_action
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError, AddItem, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.scene.render.characters import ruled, text
+from tests.command_line import lilgym
 from tests.scenes import B, scene, square, tower
 
 Play = Callable[..., str]
-BLUE_TASK = ["play", "TowerScratch", "--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block."
-BLUE_GAME = [*BLUE_TASK, "--protocol", "veto"]
-ROUND_TASK = ["play", "ScatterScratch"]
+BLUE_TASK = "play TowerScratch --split dev --task tower-dev-001"  # "I can see a blue block."
+BLUE_GAME = f"{BLUE_TASK} --protocol veto"
 
 
 @pytest.fixture
 def play(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Play:
     """Plays with lines of input and returns the output."""
 
-    def run(command: list[str], *lines: str) -> str:
+    def run(command: str, *lines: str) -> str:
         monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
-        assert main(command) == 0
+        assert lilgym(command) == 0
         return capsys.readouterr().out
 
     return run
@@ -68,32 +67,27 @@ def test_play__invalid_action_ends_the_episode_with_its_reason(play: Play):
 
 
 def test_play__next_samples_another_task_and_quit_leaves(play: Play):
-    output = play([*BLUE_TASK, "--seed", "1"], "next", "quit", "add left blue")
+    output = play(f"{BLUE_TASK} --seed 1", "next", "quit", "add left blue")
     assert output.count("Make this") == 2
     assert "add left blue" not in output
 
 
 def test_play__seed_determines_the_tasks(play: Play):
-    drawn = [play(["play", "ScatterFlipIt", "--seed", seed], "next") for seed in ("1", "1", "2")]
+    drawn = [play(f"play ScatterFlipIt --seed {seed}", "next") for seed in (1, 1, 2)]
     assert drawn[0] == drawn[1] != drawn[2]
 
 
 def test_play__scatter_actions_name_cells(play: Play):
-    output = play(ROUND_TASK, "add 18 4 small blue circle", "add 19 0 small blue circle", "remove 18 4")
+    output = play("play ScatterScratch", "add 18 4 small blue circle", "add 19 0 small blue circle", "remove 18 4")
     assert "ADD(18, 4, CIRCLE, BLUE, SMALL): reward -0.1" in output
     assert "COLUMN, 0 .. 18, and ROW, 0 .. 4" in output
     assert "REMOVE(18, 4): reward -0.1" in output
 
 
 def test_play__ctrl_c_exits():
-    command = [sys.executable, "-c", "import sys; from lilgym_mp.cli import main; sys.exit(main())", *BLUE_TASK]
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    command = [sys.executable, "-m", "lilgym_mp", *BLUE_TASK.split()]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, **pipes, text=True) as process:
         assert process.stdout is not None
         while "Actions left" not in process.stdout.readline():
             pass
@@ -117,7 +111,7 @@ def test_play_game__as_proposer_with_the_oracle(play: Play):
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_play_game__as_verifier_in_every_protocol(protocol: str, play: Play):
     pytest.importorskip("pettingzoo")
-    output = play(["play", "--as", "verifier", "--protocol", protocol, "--seed", "0"], *["accept", "continue"] * 30)
+    output = play(f"play --as verifier --protocol {protocol} --seed 0", *["accept", "continue"] * 30)
     assert "proposer_0: " in output
 
 

@@ -18,7 +18,11 @@ import pytest
 from lilgym_mp.cli import FAILED, INTERRUPTED, main
 
 CHECK = "explain --program 'exist(all_items)'"
-NOTHING = "<&- >&- 2>&-"
+MESSAGES = {
+    ">/dev/full": "lilgym-mp explain: cannot write results: No space left on device\n",
+    ">&-": "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n",
+    "<&- >&- 2>&-": "",
+}
 RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exit(main())'"
 
 
@@ -39,25 +43,15 @@ def test_main__runs_on_a_stream_without_reconfigure(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("words", "redirection"),
-    [
-        *((CHECK, redirection) for redirection in (">/dev/full", ">&-", NOTHING)),
-        ("play TowerScratch --seed 1", ">&-"),
-        ("trian", "2>&-"),
-    ],
+    ("words", "redirection"), [(CHECK, ">/dev/full"), (CHECK, ">&-"), (CHECK, "<&- >&- 2>&-"), ("trian", "2>&-")]
 )
 def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str) -> None:
-    done = shell(f"echo quit | {RUN} {words} {redirection}")
+    done = shell(f"{RUN} {words} {redirection}")
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode in (0, 1, 2), done
-    if redirection in (">&-", NOTHING):
-        assert done.returncode == FAILED
-    if redirection == ">&-":
-        assert done.stderr == "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n"
-    if redirection == ">/dev/full":
-        assert done.returncode == FAILED
-        assert done.stderr == "lilgym-mp explain: cannot write results: No space left on device\n"
+    if redirection in MESSAGES:
+        assert (done.returncode, done.stderr) == (FAILED, MESSAGES[redirection])
 
 
 def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
@@ -74,7 +68,7 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGINT, 0.3), (signal.SIGTERM, 0.3)])
+@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGTERM, 0.3)])
 def test_interrupt__soon_after_the_start_prints_one_word(stop: signal.Signals, seconds: float) -> None:
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick"]
@@ -109,11 +103,8 @@ def test_disk_error__is_reported_in_one_line(
 
 
 @pytest.mark.parametrize("corpus", ["a" * 5_000_000, "no\x1b[31mwhere"])
-@pytest.mark.parametrize("words", [["data", "check"], ["play", "TowerScratch", "--corpus"]])
-def test_odd_names__are_reported_in_one_printable_line(
-    corpus: str, words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*words, corpus]) in (1, 2)
+def test_odd_names__are_reported_in_one_printable_line(corpus: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["data", "check", corpus]) in (1, 2)
     output = capsys.readouterr()
     assert "\x1b[31m" not in output.out + output.err
     assert len(output.err) < 3_000

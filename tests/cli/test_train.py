@@ -15,16 +15,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.cli.explain import _sentences
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
+from tests.command_line import lilgym
 from tests.corpora import write_own_corpus
 
-LilGym = Callable[..., str]
-SMALL = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
+Shown = Callable[..., str]
+SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
 
 @pytest.fixture(autouse=True)
@@ -46,8 +47,8 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def trained_run(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
-    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(directory), "--steps", "64", *SMALL]
-    assert main([*command, "--mask", "--recolour"]) == 0
+    command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
+    assert lilgym(command, directory) == 0
     return directory
 
 
@@ -58,24 +59,19 @@ def run(trained_run: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def lilgym(capsys: pytest.CaptureFixture[str]) -> LilGym:
-    """Runs a command line and returns its standard output."""
+def shown(capsys: pytest.CaptureFixture[str]) -> Shown:
+    """Runs a command and returns its standard output."""
 
-    def run(*words: object) -> str:
-        assert main([str(word) for word in words]) == 0
+    def run(command: str, *more: object) -> str:
+        assert lilgym(command, *more) == 0
         return capsys.readouterr().out
 
     return run
 
 
-def trained(lilgym: LilGym, directory: Path, *options: str) -> str:
-    return lilgym("train", "ppo", "TowerScratch", "--out", directory, "--steps", 64, *SMALL, *options)
-
-
-def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own: Path):
-    options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
-    options += ["--recipe", "paper", "--mask"]
-    trained(lilgym, tmp_path, "--corpus", str(own), *options)
+def test_train__options_override_the_recipe(tmp_path: Path, own: Path):
+    options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
+    assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path) == 0
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
@@ -86,10 +82,7 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     ("learner", "expected"),
     [
         ("reward-model", "before training begins (default: 250 in scatter, 150 in tower)"),
-        ("reward-model", "more suit Scatter (default: 16 in scatter, 0 in tower)"),
-        ("reward-model", "scenes kept by the search (default: 3 in scatter, 16 in tower)"),
         ("imitation", "per statement in a batch (default: 8 in scatter, 16 in tower)"),
-        ("imitation", "querying the expert (default: 10 in scatter, 13 in tower)"),
         ("ppo", "above 0 the agent also plays Scratch (default: 0.25 in flipit, 0 in scratch)"),
     ],
 )
@@ -97,25 +90,20 @@ def test_train_help__prints_the_defaults_of_each_appearance_or_start(
     learner: str, expected: str, capsys: pytest.CaptureFixture[str]
 ):
     with pytest.raises(SystemExit):
-        main(["train", learner, "--help"])
-    assert expected in " ".join(capsys.readouterr().out.split())
-
-
-@pytest.mark.parametrize("learner", ["imitation", "ppo", "reward-model", "game"])
-def test_train_help__does_not_offer_the_native_grid(learner: str, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit):
-        main(["train", learner, "--help"])
-    assert "native" not in capsys.readouterr().out
+        lilgym(f"train {learner} --help")
+    output = " ".join(capsys.readouterr().out.split())
+    assert expected in output
+    assert "native" not in output, "a grid on which no learner can be trained"
 
 
 def test_tensorboard__gets_the_numbers_of_each_progress_line(
-    lilgym: LilGym, tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
 ):
     written: list[tuple[str, float, int]] = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
-    trained(lilgym, tmp_path, "--corpus", str(own), "--tensorboard")
+    assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path) == 0
     lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]
     losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
     assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
@@ -127,7 +115,7 @@ def test_tensorboard__missing_is_an_error_before_training(
 ):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
-    assert main(["train", "ppo", "TowerScratch", "--tensorboard", "--out", str(tmp_path / "run")]) == USAGE_ERROR
+    assert lilgym("train ppo TowerScratch --tensorboard --out", tmp_path / "run") == USAGE_ERROR
     assert "--tensorboard needs tensorboard: pip install tensorboard" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
@@ -136,12 +124,9 @@ def test_tensorboard__missing_is_an_error_before_training(
 def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path: Path):
     """In a terminal, Ctrl-C signals the whole process group."""
     directory = tmp_path / "run"
-    program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
-    (tmp_path / "main.py").write_text(program)
-    words = ["train", "ppo", "TowerScratch", "--steps", "100000000", "--out"]
-    command = [sys.executable, tmp_path / "main.py", *words, directory, *SMALL]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
+    command = f"{sys.executable} -m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}"
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command.split(), **pipes, text=True, start_new_session=True) as process:
         while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
@@ -171,8 +156,8 @@ def names(output: str) -> list[str]:
     return [line.split("  ")[0] for block in blocks for line in block[2:]]
 
 
-def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    output = lilgym("evaluate", run, "--corpus", own, "--out", tmp_path / "results.json")
+def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_path: Path, run: Path, own: Path):
+    output = shown(f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     ppo = f"ppo ({run})"
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert "\nTowerScratch, 3 episodes\n" in output
@@ -186,20 +171,18 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
-    run = tmp_path / "run"
-    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out-statements", 5]
-    output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
-    assert f"lilgym-mp evaluate {run} --corpus {own}" in output
-    assert names(lilgym("evaluate", run, "--corpus", own))[0] == f"parse-and-plan ({run})"
-    output = lilgym("explain", "There is a blue block.", "--agent", run)
+def test_parse_and_plan__is_trained_and_explains(shown: Shown, tmp_path: Path, own: Path):
+    small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
+    output = shown(f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
+    assert f"lilgym-mp evaluate {tmp_path} --corpus {own}" in output
+    output = shown("explain 'There is a blue block.' --agent", tmp_path)
     assert "parsed words: there is a blue block" in output
     assert "predicted probability of success:" in output
 
 
-def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
+def test_explain__explains_a_task_with_its_outcome(shown: Shown):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
-    output = lilgym("explain", "--task", task.id)
+    output = shown("explain --task", task.id)
     assert "outcome: " in output
     explained, *drawn = output.split("\n 0   1   2")
     assert task.statement in explained
@@ -207,9 +190,9 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
 
 
-def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):
+def test_explain__parses_the_statements_of_a_file(shown: Shown, tmp_path: Path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
-    block, blank, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
+    block, blank, zorblax = json.loads(shown("explain --json --file", tmp_path / "own.txt"))
     assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     assert (blank["line"], blank["statement"], blank["programs"]) == (2, "", [])
@@ -218,9 +201,9 @@ def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path
     assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
 
 
-def test_explain__reads_a_csv_file_by_its_header(lilgym: LilGym, tmp_path: Path):
+def test_explain__reads_a_csv_file_by_its_header(shown: Shown, tmp_path: Path):
     (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
-    found = json.loads(lilgym("explain", "--file", tmp_path / "own.csv", "--json"))
+    found = json.loads(shown("explain --json --file", tmp_path / "own.csv"))
     assert [(each["line"], each["id"], each["statement"]) for each in found] == [
         (2, "7", "There is a blue block."),
         (4, "", ""),
@@ -231,8 +214,8 @@ def test_explain__reads_a_csv_file_by_its_header(lilgym: LilGym, tmp_path: Path)
         list(_sentences(tmp_path / "own.csv"))
 
 
-def test_explain__says_that_nothing_was_understood_without_readings(lilgym: LilGym):
-    output = lilgym("explain", "asdf qwerty", "--false")
+def test_explain__says_that_nothing_was_understood_without_readings(shown: Shown):
+    output = shown("explain 'asdf qwerty' --false")
     assert "nothing was understood" in output
     assert "satisfied" not in output
     assert "probability of success" not in output
@@ -244,18 +227,18 @@ def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_
     from lilgym_mp.evaluation.policies import AS_TRAINED, SAMPLED
 
     assert load_agent("imitation-tower", "cpu").description.details["stop_rules"]["TowerFlipIt"]["sampled"]
-    command = ["evaluate", "imitation-tower", "--alone", "--configuration", "TowerFlipIt", "--corpus", str(own)]
-    assert main([*command, "--actions", "greedy", "sampled", "--record", str(tmp_path)]) == 0
+    command = f"evaluate imitation-tower --alone --configuration TowerFlipIt --corpus {own}"
+    assert lilgym(f"{command} --actions greedy sampled --record", tmp_path) == 0
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 
-def test_evaluate__records_each_action_mode(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    command = ["evaluate", run, "--corpus", own, "--name", "mine", "--record", tmp_path / "kept"]
-    assert ", sampled " in lilgym(*command, "--policy", "random-type")
+def test_evaluate__records_each_action_mode(shown: Shown, tmp_path: Path, run: Path, own: Path):
+    command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
+    assert ", sampled " in shown(f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {
         *(("mine", actions, True) for actions in ("greedy", "sampled")),
         ("random type", "sampled", False),
     }
     assert {header.training_seed for header in headers if header.agent == "mine"} == {0}
-    assert main([str(word) for word in command]) == USAGE_ERROR  # the files exist
+    assert lilgym(command) == USAGE_ERROR  # the files exist

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -53,13 +53,28 @@ class Scripted:
 
 
 def play(arguments: str, *more: str) -> int:
-    """The status of `lilgym-mp llm play` with these arguments, separated by blanks, and `more`."""
+    """The status of `lilgym-mp llm play TowerFlipIt` with these arguments, separated by blanks, and `more`."""
     return main(["llm", "play", "TowerFlipIt", *arguments.split(), *more])
 
 
-@pytest.mark.parametrize(("configuration", "scene"), [("TowerFlipIt", "list"), ("ScatterScratch", "list")])
-def test_expert__succeeds_through_text(configuration: str, scene: str):
-    player = Player(Settings(configuration), make_agent("expert"), scene=scene)
+def stops(body: dict[str, Any], number: int) -> tuple[int, Any]:
+    """A server's reply: STOP."""
+    return 200, chat("STOP")
+
+
+def answer_of(reply: Callable[[dict[str, Any], int], tuple[int, Any]], **options: Any) -> Answer:
+    """What an agent on a server that replies so answers to an empty conversation."""
+    with served(reply) as (url, _):
+        return OpenAIAgent("tiny", url=url, **options).answer([])
+
+
+def summary_in(directory: Path) -> Any:
+    return json.loads((directory / "summary.json").read_text())
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_expert__succeeds_through_text(configuration: str):
+    player = Player(Settings(configuration), make_agent("expert"), scene="list")
     episodes = [player.play(task) for task in player.task_ids()[:5]]
     assert [episode.outcome for episode in episodes] == ["success"] * 5
     assert all(episode.progression == 1 for episode in episodes)
@@ -139,7 +154,7 @@ def test_summary__counts_answers_tokens_and_outcomes():
 def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("OPENAI_API_KEY", "secret")
     messages = [{"role": "user", "content": "Well?"}]
-    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+    with served(stops) as (url, requests):
         agent = OpenAIAgent("tiny", url=url, max_tokens=5)
         assert agent.answer(messages) == Answer("STOP", 7, 3)
     sent = {"model": "tiny", "temperature": 0, "max_tokens": 5, "messages": messages}
@@ -148,7 +163,7 @@ def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest
 
 def test_openai__request_fields_are_set_renamed_or_left_out():
     fields = {"temperature": None, "max_completion_tokens": 9, "top_p": 0.5, "extra_body": {"top_k": 3}}
-    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+    with served(stops) as (url, requests):
         OpenAIAgent("tiny", url=url, **fields).answer([])
     sent = {name: value for name, value in requests[0].items() if name not in ("path", "key", "messages")}
     assert sent == {"model": "tiny", "max_completion_tokens": 9, "top_p": 0.5, "top_k": 3}
@@ -164,41 +179,18 @@ def test_openai__request_fields_are_set_renamed_or_left_out():
     ],
 )
 def test_openai__reads_parts_and_reasoning(message: dict[str, Any], answer: str):
-    with served(lambda body, number: (200, {"choices": [{"message": message}], "usage": {"prompt_tokens": "?"}})) as (
-        url,
-        _,
-    ):
-        given = OpenAIAgent("tiny", url=url).answer([])
+    body = {"choices": [{"message": message}], "usage": {"prompt_tokens": "?"}}
+    given = answer_of(lambda request, number: (200, body))
     reasoning = "Hm." if "Hm." in message.values() else None
     assert given == Answer(answer, None, None, reasoning, problem="refused" if "refusal" in message else None)
 
 
-def test_openai__counts_the_calls_that_it_retries():
-    with served(lambda body, number: (200, chat("ok")) if number > 1 else (503, {})) as (url, requests):
-        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
-    assert len(requests) == 2
+BUSY = {"error": {"code": 429, "message": "Rate limit reached"}}
 
 
-@pytest.mark.parametrize(
-    ("status", "content", "message"),
-    [
-        (401, {"error": "no such key: SECRET"}, r"AuthenticationError: Error code: 401 .*no such key: \.\.\."),
-        (200, {"error": "odd"}, "the server reported an error: odd"),
-        (200, b"<html>", "not a chat completion; is /v1 missing from the url"),
-        (500, b"broken", "InternalServerError"),
-    ],
-)
-def test_openai__error_names_the_reason_but_not_the_key(
-    status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("OPENAI_API_KEY", "SECRET")
-    with (
-        served(lambda body, number: (status, content)) as (url, _),
-        pytest.raises(ModelError, match=message) as caught,
-    ):
-        OpenAIAgent("tiny", url=url.replace("//", "//user:SECRET@"), retries=0).answer([])
-    assert str(caught.value).startswith(url)
-    assert "SECRET" not in str(caught.value)
+@pytest.mark.parametrize("first", [(503, {}), (200, BUSY)], ids=["status", "error in a 200"])
+def test_openai__retries_a_server_that_is_busy_and_counts_the_calls(first: tuple[int, Any]):
+    assert answer_of(lambda body, number: (200, chat("ok")) if number > 1 else first) == Answer("ok", 7, 3, retries=1)
 
 
 def test_thoughts_and_empty_replies__are_not_sent_again():
@@ -250,33 +242,6 @@ def test_command__failing_in_every_episode_is_one_error(
     assert "out of" in failed[0]["error"]
 
 
-def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    down = [3, 4]
-    with served(lambda body, number: (400, {"error": "busy"}) if number in down else (200, chat("STOP"))) as (
-        url,
-        asked,
-    ):
-        command = f"--agent openai --option url={url} model=m --episodes 6 --out {tmp_path} --concurrency 1"
-        assert play(f"{command} --prices 1 10") == 0
-        summary = json.loads((tmp_path / "summary.json").read_text())
-        assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (4, 2, 2)
-        assert summary["cost"] == pytest.approx(4 * (7 * 1 + 3 * 10) / 1e6)
-        assert "failed       2 episodes, not in the rates" in capsys.readouterr().out
-        down.clear()
-        transcripts = tmp_path / "transcripts.jsonl"
-        transcripts.write_text(transcripts.read_text() + '{"cut')
-        assert play(f"{command} --resume") == 0
-        assert len(asked) == 8
-        assert play(f"{command} --resume".replace("--episodes 6", "--episodes 2")) == 0
-        assert play(f"{command} --scene image --resume") == 2
-        assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert (summary["episodes"], summary["failed_episodes"]) == (2, 0)
-    tasks = [json.loads(line)["task"] for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
-    assert tasks == sorted(set(tasks), key=Player(TOWER, Scripted()).task_ids().index)
-    assert len(tasks) == 6
-
-
 def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
     together = threading.Barrier(8)
 
@@ -285,29 +250,36 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
         return 200, chat("STOP")
 
     with served(reply) as (url, requests):
-        assert (
-            play(f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path / 'a'}") == 0
-        )
+        command = f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path}"
+        assert play(command) == 0
     assert len(requests) == 8
 
 
 def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished_one(
     capsys: pytest.CaptureFixture[str],
 ):
-    down = [2]
-    with served(lambda body, number: (400, {"error": "x"}) if number in down else (200, chat("STOP"))) as (url, asked):
-        command = f"--agent openai --option url={url} model=m top_p=0.5 --episodes 3 --concurrency 1"
-        directory = Path("runs/llm-TowerFlipIt-openai-m")
+    down, directory = [2], Path("runs/llm-TowerFlipIt-openai-m")
+    with served(lambda body, number: (400, {"error": "x"}) if number in down else stops(body, number)) as (url, asked):
+        command = f"--agent openai --option url={url} model=m --episodes 3 --concurrency 1 --prices 1 10"
         assert play(command) == 0
-        assert f"results      {directory}\n" in capsys.readouterr().out
-        assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
+        printed = capsys.readouterr().out
+        assert f"results      {directory}\n" in printed
+        assert "failed       1 episodes, not in the rates" in printed
+        summary = summary_in(directory)
+        assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (2, 1, 1)
+        assert summary["cost"] == pytest.approx(2 * (7 * 1 + 3 * 10) / 1e6)
+        with (directory / "transcripts.jsonl").open("a") as file:
+            file.write('{"cut')
         assert play(command) == 0
         assert f"continues    {directory}, 2 of 3 episodes are there" in capsys.readouterr().out
-        assert len(asked) == 4
         assert play(command) == 2
         assert f"{directory} has this run, all 3 episodes" in capsys.readouterr().err
         assert len(asked) == 4
-        assert play(command.replace("top_p=0.5", "top_p=0.6")) == 0
+        assert play(f"{command} --scene image --resume --out {directory}") == 2
+        assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
+        tasks = [json.loads(line)["task"] for line in (directory / "transcripts.jsonl").read_text().splitlines()]
+        assert len(set(tasks)) == len(tasks) == summary_in(directory)["episodes"] == 3
+        assert play(command.replace("model=m", "model=m top_p=0.6")) == 0
         assert f"results      {directory}-2\n" in capsys.readouterr().out
         assert play(f"{command} --force") == 0
         assert len(asked) == 10
@@ -328,15 +300,14 @@ def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys: pytest
 def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    with served(lambda body, number: (200, chat("STOP"))) as (url, asked):
-        words = ["--agent", "openai", "--episodes", "1", "--out", str(tmp_path), "--option", f"url={url}", "model=1e3"]
-        assert main(["llm", "play", "TowerFlipIt", *words, 'extra_body={"top_k": 3, "api_token": "SECRET"}']) == 0
+    with served(stops) as (url, asked):
+        command = f"--agent openai --episodes 1 --resume --out {tmp_path} --option url={url} model=1e3"
+        assert play(command.replace("--resume", ""), 'extra_body={"top_k": 3, "api_token": "SECRET"}') == 0
         assert asked[0]["model"] == "1e3"
-        stored = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+        stored = summary_in(tmp_path)["settings"]["option"]
         assert stored["extra_body"]["top_k"] == 3
         assert stored["extra_body"]["api_token"].startswith("sha256:")
-        other = ["--resume", 'extra_body={"top_k": 4, "api_token": "SECRET"}']
-        assert main(["llm", "play", "TowerFlipIt", *words[:-3], other[0], *words[-3:], other[1]]) == 2
+        assert play(command, 'extra_body={"top_k": 4, "api_token": "SECRET"}') == 2
     error = capsys.readouterr().err
     assert "'top_k': 3" in error
     assert "'top_k': 4" in error
@@ -362,12 +333,9 @@ def ended(text: str | None, finish_reason: str, **message: Any) -> dict[str, Any
     [
         (ended("STOP", "length"), "cut"),
         (ended("STOP", "content_filter"), "filtered"),
-        (ended(None, "content_filter"), "filtered"),
-        (ended(None, "stop", refusal="I cannot say STOP."), "refused"),
         (ended(None, "stop", refusal="STOP"), "refused"),
         (ended("STOP", "stop", refusal="STOP"), "refused"),
         (ended(None, "stop"), "not_understood"),
-        (ended("Hm.", "stop"), "not_understood"),
         (ended("STOP", "stop"), "wrong_stop"),
     ],
 )
@@ -376,7 +344,7 @@ def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(
 ):
     with served(lambda request, number: (200, body)) as (url, _):
         assert play(f"--agent openai --option url={url} model=m --episodes 2 --out {tmp_path}") == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_in(tmp_path)
     assert summary["outcomes"] == {outcome: 2}
     assert summary["successes"] == 0
     assert f"outcomes     {outcome} 2" in capsys.readouterr().out
@@ -389,19 +357,14 @@ def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(
 ODD_BODIES: dict[str, tuple[int, Any, str]] = {
     "error in a 200": (200, {"error": {"message": "no such model SECRET"}}, "no such model"),
     "error as text": (200, {"error": "quota is used up"}, "quota is used up"),
+    "key": (401, {"error": "no such key: SECRET"}, "AuthenticationError: Error code: 401"),
+    "broken": (500, b"broken", "InternalServerError"),
     "HTML": (200, b"<html><body>Welcome SECRET</body></html>", "not a chat completion; is /v1 missing"),
     "empty": (200, b"", "not a chat completion"),
-    "text": (200, b'"hello"', "not a chat completion"),
-    "list": (200, [], "not a chat completion"),
-    "null": (200, None, "not a chat completion"),
-    "number": (200, 7, "not a chat completion"),
     "nested": (200, b"[" * 100_000, "not a chat completion"),
     "no choice": (200, {"choices": []}, "not a chat completion"),
-    "choices null": (200, {"choices": None}, "not a chat completion"),
-    "choices text": (200, {"choices": "STOP"}, "not a chat completion"),
     "choice text": (200, {"choices": ["STOP"]}, "not a chat completion"),
     "message null": (200, {"choices": [{"message": None}]}, "not a chat completion"),
-    "message text": (200, {"choices": [{"message": "STOP"}]}, "not a chat completion"),
     "choice's error": (200, {"choices": [{"message": {}, "error": {"message": "upstream"}}]}, "upstream"),
     "other end": (200, ended("STOP", "error"), "ended with finish_reason 'error'"),
     "odd end": (200, {"choices": [{"message": {"content": "STOP"}, "finish_reason": [1]}]}, "finish_reason [1]"),
@@ -428,18 +391,12 @@ def test_command__shows_the_servers_words_and_no_secret(
             assert bad not in text
 
 
-@pytest.mark.parametrize("content", [5.5, True, {}, [], {"a": 1}, [None], [[]], [{"type": "text", "text": 3}]])
+@pytest.mark.parametrize("content", [5.5, {"a": 1}, [None], [{"type": "text", "text": 3}]])
 def test_command__reads_no_answer_in_content_of_another_type(content: Any, tmp_path: Path):
     body = {"choices": [{"message": {"content": content, "reasoning": [3]}}], "usage": [1]}
     with served(lambda request, number: (200, body)) as (url, _):
         assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path}") == 0
-    assert json.loads((tmp_path / "summary.json").read_text())["outcomes"] == {"not_understood": 1}
-
-
-def test_openai__retries_a_rate_limit_within_a_200():
-    busy = {"error": {"code": 429, "message": "Rate limit reached"}}
-    with served(lambda body, number: (200, chat("ok") if number > 1 else busy)) as (url, _):
-        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
+    assert summary_in(tmp_path)["outcomes"] == {"not_understood": 1}
 
 
 def test_openai__names_an_unknown_host_and_the_cause():
@@ -503,14 +460,6 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
     assert ", STOP\n" in done.stdout
 
 
-def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = f"--agent expert --episodes 1 --out {tmp_path}"
-    assert play(command) == 0
-    assert play(command) == 2
-    assert "--force overwrites it" in capsys.readouterr().err
-    assert play(f"{command} --force") == 0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -521,7 +470,6 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent openai --option =SECRET", "--option takes KEY=VALUE, not what stands in place 1"),
         ("--agent openai --option top_p=NaN", "--option top_p must be finite"),
         ('--agent openai --option extra_body={"a":1,"a":2}', "--option extra_body: duplicate key 'a'"),
-        ("--agent expert --prices nan 1", "must be a finite number of at least 0, not nan"),
         ("--agent expert --prices 1 -1", "must be a finite number of at least 0, not -1"),
         ("--agent json:loads", "cannot be constructed with the options"),
         ("--agent os:abort.x", "name it module:Class, importable from here"),
@@ -621,15 +569,14 @@ class Model(Scripted):
     ("agent", "options", "shown"),
     [
         ("openai", ["--option", "url=URL?key=SECRET", "model=m"], {"model": "m", "url": "SAFE (sha256:"}),
-        (f"{__name__}:Model", ["--option", "secret=SECRET", "model=m"], {"model": "m", "secret": "sha256:"}),
         (f"{__name__}:Model", ["--option=secret=SECRET", "--option=model=m"], {"model": "m", "secret": "sha256:"}),
     ],
 )
 def test_command__writes_no_secrets(agent: str, options: list[str], shown: dict[str, str], tmp_path: Path):
-    with served(lambda body, number: (200, chat("STOP"))) as (url, _):
+    with served(stops) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
         assert play(f"--agent {agent} --episodes 1 --out {tmp_path}", *options) == 0
-    recorded = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+    recorded = summary_in(tmp_path)["settings"]["option"]
     assert recorded.keys() == shown.keys()
     for name, value in shown.items():
         assert recorded[name].startswith(value.replace("SAFE", url))
