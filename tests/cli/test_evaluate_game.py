@@ -15,7 +15,6 @@ from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
 from tests.command_line import lilgym
-from tests.corpora import write_own_corpus
 
 
 class Trained(Agent):
@@ -40,12 +39,6 @@ class Single(Agent):
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Any:
         return random_legal
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A small corpus."""
-    return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
 def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -22,7 +22,6 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
 from tests.command_line import lilgym
-from tests.corpora import write_own_corpus
 
 Shown = Callable[..., str]
 SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
@@ -38,13 +37,7 @@ def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small corpus."""
-    return write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl")
-
-
-@pytest.fixture(scope="module")
-def trained_run(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained_run(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
     command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
@@ -69,7 +62,7 @@ def shown(capsys: pytest.CaptureFixture[str]) -> Shown:
     return run
 
 
-def test_train__options_override_the_recipe(tmp_path: Path, own: Path):
+def test_train__options_override_the_recipe(tmp_path: Path, own: str):
     options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
     assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path) == 0
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
@@ -96,9 +89,7 @@ def test_train_help__prints_the_defaults_of_each_appearance_or_start(
     assert "native" not in output, "a grid on which no learner can be trained"
 
 
-def test_tensorboard__gets_the_numbers_of_each_progress_line(
-    tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch):
     written: list[tuple[str, float, int]] = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
@@ -156,7 +147,7 @@ def names(output: str) -> list[str]:
     return [line.split("  ")[0] for block in blocks for line in block[2:]]
 
 
-def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_path: Path, run: Path, own: Path):
+def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_path: Path, run: Path, own: str):
     output = shown(f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     ppo = f"ppo ({run})"
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
@@ -171,7 +162,7 @@ def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_pat
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_parse_and_plan__is_trained_and_explains(shown: Shown, tmp_path: Path, own: Path):
+def test_parse_and_plan__is_trained_and_explains(shown: Shown, tmp_path: Path, own: str):
     small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
     output = shown(f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
     assert f"lilgym-mp evaluate {tmp_path} --corpus {own}" in output
@@ -221,7 +212,7 @@ def test_explain__says_that_nothing_was_understood_without_readings(shown: Shown
     assert "probability of success" not in output
 
 
-def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):
+def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: str):
     """The included network for Tower samples in FlipIt, as that did better on statements held out of training."""
     from lilgym_mp import load_agent
     from lilgym_mp.evaluation.policies import AS_TRAINED, SAMPLED
@@ -232,7 +223,7 @@ def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 
-def test_evaluate__records_each_action_mode(shown: Shown, tmp_path: Path, run: Path, own: Path):
+def test_evaluate__records_each_action_mode(shown: Shown, tmp_path: Path, run: Path, own: str):
     command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
     assert ", sampled " in shown(f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]

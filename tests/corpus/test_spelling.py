@@ -50,19 +50,18 @@ def test_normalised_words__known_words_are_never_changed() -> None:
 
 @pytest.mark.parametrize(
     ("typed", "read"),
-    [
-        *[("look", "look"), ("green", "green"), ("bloc", "block"), ("around", "around"), ("when", "when")],
-        *[("hte", "the"), ("squere", "square"), ("riangle", "triangle"), ("lock", "lock"), ("blxxk", "blxxk")],
-        *[
-            ("colour", "color"),
-            ("blocks", "block"),
-            ("on", "on"),
-            ("last", "last"),
-            ("black", "black"),
-            ("inside", "inside"),
-        ],
-        *[("hexagn", "hexagn"), ("abot", "abot"), ("bxo", "box"), ("bix", "bix"), ("own", "own"), ("nearby", "nearby")],
-    ],
+    {
+        "bloc": "block",
+        "hte": "the",
+        "squere": "square",
+        "riangle": "triangle",
+        "colour": "color",
+        "bxo": "box",
+        **{
+            word: word for word in ("look", "green", "around", "when", "lock", "blxxk", "blocks", "on", "last", "black")
+        },
+        **{word: word for word in ("inside", "hexagn", "abot", "bix", "own", "nearby")},
+    }.items(),
 )
 def test_normalised_words__corrects_only_to_words_that_are_spelt_right(typed: str, read: str) -> None:
     mistyped = ("blook", "greey", "blokc", "blocs", "hve", "hexagon", "about")

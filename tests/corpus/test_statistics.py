@@ -30,14 +30,12 @@ def sets(entries: Entries, written: Writer) -> list[TaskSet]:
 
 
 def test_load_all_tasks__omits_empty_sets(entries: Entries, written: Writer):
-    found = [
-        (s.provenance.appearance, s.provenance.start, s.provenance.split) for s in load_all_tasks(written(entries))
-    ]
-    assert found == [
-        ("tower", "scratch", "train"),
-        ("tower", "flipit", "train"),
-        ("scatter", "scratch", "dev"),
-        ("scatter", "flipit", "dev"),
+    found = [tasks.provenance for tasks in load_all_tasks(written(entries))]
+    assert [f"{each.appearance} {each.start} {each.split}" for each in found] == [
+        "tower scratch train",
+        "tower flipit train",
+        "scatter scratch dev",
+        "scatter flipit dev",
     ]
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.evaluation import Observations, Settings, evaluate
+from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episode_files import Recording, read_episodes
-from lilgym_mp.evaluation.policies import Policy, built_in_policy, random_legal
+from lilgym_mp.evaluation.policies import built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
@@ -68,8 +68,7 @@ def test_action_cells__scatter_indices_are_column_major():
     assert np.bincount(types).tolist() == [1, 2565, 95]
 
 
-@pytest.mark.parametrize("name", ["expert", "random-legal"])
-@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
+@pytest.mark.parametrize(("name", "configuration"), [("expert", "TowerScratch"), ("random-legal", "ScatterFlipIt")])
 def test_record__built_in_policies_have_distributions(tmp_path: Path, name: str, configuration: str):
     for episode in record(tmp_path, name, configuration).episodes:
         assert episode.decisions is not None
@@ -91,17 +90,9 @@ def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: 
     assert not any(decision.optimal for decision in ends)
 
 
-class WithoutOutput(Policy):
-    """Always stops, and has no output."""
-
-    needs_masks = False
-
-    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros(len(observations.statements), np.int64)
-
-
 def test_record__policy_without_output_has_no_decisions():
-    episodes = evaluate(WithoutOutput(), Settings("TowerScratch"), "dev", record_decisions=True)
+    stopping = lambda observations, legal, rng: np.zeros(len(legal), np.int64)  # noqa: E731
+    episodes = evaluate(stopping, Settings("TowerScratch"), "dev", record_decisions=True)
     assert all(episode.decisions is None for episode in episodes)
 
 

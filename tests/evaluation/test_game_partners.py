@@ -65,8 +65,7 @@ def test_expert__by_intent_lies_in_deceptive_episodes_alone():
     assert (measured.true_accept_rate, measured.false_accept_rate) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize("protocol", ["critique", "veto", "joint"])
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize(("protocol", "appearance"), [("critique", "scatter"), ("veto", "tower"), ("joint", "tower")])
 def test_guide_and_builder__solve_every_task_by_messages_alone(protocol: str, appearance: str):
     count = make_appearance(appearance).action_count
     sizes = {"proposer_0": 0, "verifier_0": count}

@@ -103,13 +103,8 @@ def test_results_json__is_sufficient_to_reproduce_the_results():
     results = [play(named, plan, seen) for named in BASELINES]
     data = json.loads(json.dumps(results_json(results)))
     (written,) = data["trials"]
-    again = EvaluationPlan(
-        Settings.from_json(written["settings"]),
-        written["split"],
-        written["seed"],
-        written["passes"],
-        written["batch_size"],
-    )
+    settings = Settings.from_json(written["settings"])
+    again = EvaluationPlan(settings, *(written[key] for key in ("split", "seed", "passes", "batch_size")))
     assert again == plan
     assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
     repeated = play(BASELINES[1], again, seen)

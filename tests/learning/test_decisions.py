@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
+from tests.command_line import lilgym
 
 TOWER = Settings("TowerFlipIt")
 SMALL = PPORecipe(
@@ -40,9 +41,8 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
 
 @pytest.mark.parametrize("mask", [True, False])
 def test_ppo__records_probabilities_and_the_value(tmp_path: Path, mask: bool):
-    recipe = PPORecipe.from_json({**SMALL.to_json(), "mask": mask})
-    train_ppo(Settings("TowerScratch"), recipe, tmp_path, steps=128, device="cpu")
     settings = Settings("TowerScratch")
+    train_ppo(settings, replace(SMALL, mask=mask), tmp_path, steps=32, device="cpu")
     episodes = played(open_agent(tmp_path, "cpu").policy(settings), settings)
     found = steps(episodes, settings)
     for decision, _, stop in found:
@@ -70,20 +70,25 @@ def test_parse_and_plan__records_the_programs_it_planned_for():
 
 
 def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    words = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", str(tmp_path)]
-    assert main([*words, "--record-decisions", "--judge-decisions"]) == 0
+    command = f"evaluate --policy expert --configuration TowerScratch --record {tmp_path}"
+    assert lilgym(f"{command} --record-decisions --judge-decisions") == 0
     (file,) = tmp_path.glob("*.episodes.jsonl.gz")
     decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
     assert decisions
     assert all(decision.optimal for decision in decisions)
     assert "--record-decisions" in json.loads(next(tmp_path.glob("*.metadata.json")).read_text())["command"]
-    assert main([*words, "--force"]) == 0
+    assert lilgym(f"{command} --force") == 0
     assert all(episode.decisions is None for episode in read_episodes(file).episodes)
     capsys.readouterr()
 
 
-def test_evaluate_command__decisions_need_a_directory(capsys: pytest.CaptureFixture[str]):
-    assert main(["evaluate", "--policy", "expert", "--record-decisions"]) != 0
-    assert "--record-decisions needs --record DIR" in capsys.readouterr().err
-    assert main(["evaluate", "--policy", "expert", "--judge-decisions"]) != 0
-    assert "--judge-decisions needs --record-decisions" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("option", "error"),
+    [
+        ("--record-decisions", "--record-decisions needs --record DIR"),
+        ("--judge-decisions", "--judge-decisions needs --record-decisions"),
+    ],
+)
+def test_evaluate_command__decisions_need_a_directory(option: str, error: str, capsys: pytest.CaptureFixture[str]):
+    assert lilgym(f"evaluate --policy expert {option}") != 0
+    assert error in capsys.readouterr().err

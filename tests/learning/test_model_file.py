@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-import json
 import pickle
 import resource
 from importlib.resources import as_file, files
@@ -57,7 +57,7 @@ def test_save__is_deterministic_and_leaves_no_other_file(model: Path):
     assert list(model.parent.iterdir()) == [model]
 
 
-@pytest.mark.parametrize("kept", [0, 1, 7, 8, 100, -1])
+@pytest.mark.parametrize("kept", [0, 7, 100, -1])
 def test_load__rejects_truncated_files(model: Path, kept: int):
     model.write_bytes(model.read_bytes()[:kept])
     with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
@@ -69,14 +69,10 @@ def test_load__never_unpickles(tmp_path: Path):
         def __reduce__(self) -> tuple[object, ...]:
             return (Path.touch, (tmp_path / "opened",))
 
-    for name, data in (("plain.pt", pickle.dumps(Trap())), ("torch.pt", None)):
-        path = tmp_path / name
-        if data is None:
-            torch.save({"trap": Trap()}, path)
-        else:
-            path.write_bytes(data)
-        with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
-            load_model(path)
+    path = tmp_path / "trap.pt"
+    path.write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
+        load_model(path)
     assert not (tmp_path / "opened").exists()
 
 
@@ -85,7 +81,6 @@ def test_load__never_unpickles(tmp_path: Path):
     [
         ({}, "not one that lilgym-mp wrote"),
         ({METADATA_KEY: "{"}, "description cannot be used"),
-        ({METADATA_KEY: "[]"}, "description cannot be used"),
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 99}'}, "version 99; must be .* version 1"),
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 1}'}, "description cannot be used"),
     ],
@@ -114,21 +109,12 @@ def test_load_weights__rejects_other_shapes_and_nan(model: Path):
     assert torch.equal(layer.weight, TENSORS["weight"])
 
 
-@pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower"])
-@pytest.mark.parametrize("change", [*({"width": width} for width in (64, "wide", -8, None)), {"vocabulary": ["a"]}])
-def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dict[str, Any], tmp_path: Path):
-    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
-        description, tensors = load_model(path)
-    details = json.loads(json.dumps(description.details))
-    details["network" if "network" in details else "sizes"] |= change
-    save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
-    with pytest.raises(ModelFileError, match=r"description cannot be used|do not match the network"):
-        open_agent(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("name", "change", "said"),
     [
+        ("parse-and-plan", {"width": 64}, "do not match the network"),
+        ("imitation-tower", {"width": "wide"}, "description cannot be used"),
+        ("parse-and-plan", {"vocabulary": ["a"]}, "description cannot be used"),
         ("parse-and-plan", {"heads": 0}, "heads must divide the width, 96, not be 0"),
         ("parse-and-plan", {"longest_program": 10**7}, "longest_program must be at most 4,096, not 10,000,000"),
         ("ppo-tower", {"heads": 5}, "heads must divide the width, 112, not be 5"),
@@ -136,14 +122,14 @@ def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dic
         *((name, {"layers": 10**9, "text_layers": 10**9}, "its sizes give more parameters") for name in SHIPPED),
     ],
 )
-def test_open_agent__rejects_heads_and_sizes_before_memory_is_used(
+def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(
     name: str, change: dict[str, Any], said: str, tmp_path: Path
 ):
     with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
         description, tensors = load_model(path)
-    details = json.loads(json.dumps(description.details))
+    details = copy.deepcopy(description.details)
     sizes = details["model"]["sizes"] if "model" in details else details.get("network") or details["sizes"]
-    sizes |= {key: value for key, value in change.items() if key == "width" or key in sizes}
+    sizes |= {key: value for key, value in change.items() if key in ("width", "vocabulary") or key in sizes}
     save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ModelFileError, match=said):

@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from lilgym_mp.cli import FAILED, main
+from lilgym_mp.cli import FAILED
 from lilgym_mp.cli.training import _board  # pyright: ignore[reportPrivateUsage]
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
+from tests.command_line import lilgym
 
 
 @pytest.fixture
@@ -44,8 +45,8 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_d
 
 def test_training__on_a_full_disk_prints_one_line(tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "run"
-    small = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
-    assert main(["train", "ppo", "TowerScratch", "--no-recolour", "--steps", "1", *small, "--out", str(out)]) == FAILED
+    small = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
+    assert lilgym(f"train ppo TowerScratch --no-recolour --steps 1 {small} --out", out) == FAILED
     assert capsys.readouterr().err.splitlines()[-1] == f"lilgym-mp train: {out / CHECKPOINT_FILE}: File too large"
 
 
@@ -57,14 +58,15 @@ class _Trap:
         return Path.touch, (self.path,)
 
 
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_checkpoint__pickled_objects_are_never_built(protocol: int, tmp_path: Path):
+@pytest.mark.parametrize("protocol", [0, pickle.HIGHEST_PROTOCOL])
+@pytest.mark.parametrize("by_torch", [False, True])
+def test_checkpoint__pickled_objects_are_never_built(by_torch: bool, protocol: int, tmp_path: Path):
     run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
     path = run.path / CHECKPOINT_FILE
-    torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
-    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
-        pass
-    path.write_bytes(pickle.dumps(_Trap(opened), protocol))
+    if by_torch:
+        torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
+    else:
+        path.write_bytes(pickle.dumps(_Trap(opened), protocol))
     with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
         pass
     assert not opened.exists()
@@ -75,14 +77,14 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
     run.save_checkpoint({"weights": {"a": torch.zeros(3)}, "step": 3, "text": "abc", "numbers": [1, 2.5]})
     path = run.path / CHECKPOINT_FILE
     whole, loaded = path.read_bytes(), 0
-    for _ in range(500):
+    for _ in range(200):
         damaged = bytearray(whole)
         for _ in range(rng.choice([1, 2, 5, 40])):
             damaged[rng.randrange(len(whole))] = rng.randrange(256)
         path.write_bytes(damaged)
         with suppress(TrainingRunError), run.checkpoint():  # any other error fails the test
             loaded += 1
-    assert loaded < 300
+    assert loaded < 120
 
 
 def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
@@ -109,20 +111,14 @@ def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
         pass
 
 
-@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
-def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: signal.Signals):
+@pytest.mark.parametrize("first", [[signal.SIGINT], [signal.SIGTERM] * 3])
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: list[signal.Signals]):
     with stop_on_signals() as stop:
-        signal.raise_signal(first)
+        for one in first:
+            signal.raise_signal(one)
         assert stop.requested
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-
-
-def test_stop__several_sigterms_are_one_request():
-    with stop_on_signals() as stop:
-        for _ in range(3):
-            signal.raise_signal(signal.SIGTERM)
-        assert stop.requested
 
 
 def test_stop__restores_the_previous_handlers():

@@ -7,7 +7,7 @@ import random
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import pytest
@@ -389,10 +389,10 @@ def test_row__with_a_program_that_takes_seconds_is_refused_at_once():
 
 
 def test_hostile_replies__are_scored_in_bounded_time():
-    outcomes, slow = examined(480, seed=1, most_seconds=0.5)  # ten times what the stress test allows: machines differ
+    outcomes, slow = examined(240, seed=1, most_seconds=0.5)  # ten times what the stress test allows: machines differ
     assert slow == []
-    assert sum(outcomes.values()) == 480
-    assert outcomes["not_understood"] > 240
+    assert sum(outcomes.values()) == 240
+    assert outcomes["not_understood"] > 120
 
 
 def word_mutants(program: str) -> Iterator[str]:
@@ -423,19 +423,17 @@ def word_mutants(program: str) -> Iterator[str]:
 
 
 def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
-    wrong = rewarded = 0
-    for appearance in APPEARANCES:
+    rewards: list[float] = []
+    for appearance, level in product(APPEARANCES, (1, 3, 5)):
         rng = random.Random(3)
         scenes = [sampler_of(appearance).scene(rng) for _ in range(200)]
-        for level in (1, 2, 3, 4, 5):
-            for row in some("program", appearance, 2, level=level, seed=4):
-                truths = list(map(compile_program(row.task.program), scenes))
-                for mutant in set(word_mutants(row.task.program)):
-                    if list(map(compile_program(mutant), scenes)) != truths:
-                        wrong += 1
-                        rewarded += score(mutant, row).reward
-    assert wrong > 200
-    assert rewarded < 0.01 * wrong
+        for row in some("program", appearance, 2, level=level, seed=4):
+            truths = list(map(compile_program(row.task.program), scenes))
+            mutants = set(word_mutants(row.task.program))
+            wrong = [mutant for mutant in mutants if list(map(compile_program(mutant), scenes)) != truths]
+            rewards += [score(mutant, row).reward for mutant in wrong]
+    assert len(rewards) > 100
+    assert sum(rewards) < 0.01 * len(rewards)
 
 
 def test_checked_truths__tell_exactly_one_from_at_least_one():

@@ -8,12 +8,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from lilgym_mp.contrib.web.bodies import png
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.scene.actions import describe, named
 from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"
@@ -36,25 +38,17 @@ def test_play__the_experts_solution_earns_the_environments_reward(browser: Brows
     env = Settings(configuration).make("dev")
     env.reset(options={"task": episode["task_id"]})
     solution = browser.post(f"{EPISODES}/{episode['id']}/solution").json()
-    reward, info = 0.0, {}
+    appearance, reward, info = env.dynamics.appearance, 0.0, {}
     for step in solution["steps"]:
-        appearance = env.dynamics.appearance
         assert episode["scene"]["picture"].endswith(base64.b64encode(png(env.scene)).decode())
         response = act(browser, episode, step["action"])
         assert response.status_code == 200, response.text
         episode = response.json()
-        (index,) = [i for i in range(appearance.action_count) if _name(appearance, i) == step["action"]]
-        _, given, _, _, info = env.step(index)
+        _, given, _, _, info = env.step(appearance.encode(named(step["action"])))
         reward += float(given)
     assert episode["over"]
     assert episode["outcome"] == info["outcome"] == "success"
     assert episode["reward"] == pytest.approx(reward)
-
-
-def _name(appearance: Any, index: int) -> str:
-    from lilgym_mp.scene.actions import describe
-
-    return describe(appearance.decode(index))
 
 
 def test_legal__equals_the_exact_mask(browser: Browser):
@@ -62,8 +56,7 @@ def test_legal__equals_the_exact_mask(browser: Browser):
     names = browser.get(f"{EPISODES}/{episode['id']}/legal").json()["actions"]
     env = Settings("ScatterFlipIt").make("dev")
     env.reset(options={"task": episode["task_id"]})
-    mask = env.action_masks()
-    assert names == [_name(env.dynamics.appearance, index) for index in range(len(mask)) if mask[index]]
+    assert names == [describe(env.dynamics.appearance.decode(index)) for index in np.flatnonzero(env.action_masks())]
 
 
 def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser: Browser):

@@ -15,7 +15,7 @@ import pytest
 from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
@@ -61,10 +61,18 @@ def found(browser: Browser, name: str) -> dict[str, Any]:
     return browser.get(f"{API}/{line['id']}").json()
 
 
+def episode(browser: Browser, name: str, index: int = 0) -> dict[str, Any]:
+    return browser.get(f"{API}/{found(browser, name)['id']}/episodes/{index}").json()
+
+
 def test_recordings__are_listed_with_their_headers(browser: Browser):
-    body = browser.get(API).json()
-    assert [line["name"].split("/")[0] for line in body["recordings"]] == ["old", "scatter", "tower", "tower"]
-    assert {line["configuration"] for line in body["recordings"]} == {"TowerScratch", "ScatterFlipIt", "TowerFlipIt"}
+    lines = browser.get(API).json()["recordings"]
+    assert [(line["name"].split("/")[0], line["configuration"]) for line in lines] == [
+        ("old", "TowerScratch"),
+        ("scatter", "ScatterFlipIt"),
+        ("tower", "TowerFlipIt"),
+        ("tower", "TowerFlipIt"),
+    ]
 
 
 def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, runs: Path):
@@ -128,16 +136,12 @@ def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browse
 
 
 def test_recording__without_decisions_says_so(browser: Browser):
-    body = found(browser, "old/")
-    episode = browser.get(f"{API}/{body['id']}/episodes/0").json()
-    assert all(step["decision"] is None for step in episode["steps"])
+    assert all(step["decision"] is None for step in episode(browser, "old/")["steps"])
 
 
 def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Browser):
-    recording = found(browser, "expert")
     for index in range(5):
-        episode = browser.get(f"{API}/{recording['id']}/episodes/{index}").json()
-        *steps, end = episode["steps"]
+        *steps, end = episode(browser, "expert", index)["steps"]
         assert (end["action"], end["decision"]) == (None, None)
         assert [step["decision"]["steps_to_go"] for step in steps] == list(range(len(steps), 0, -1))
         for step in steps:
@@ -147,9 +151,8 @@ def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Bro
 
 
 def test_episode__counts_legal_actions_by_the_exact_mask(browser: Browser, runs: Path):
-    recording = found(browser, "scatter/")
     recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
-    decision = browser.get(f"{API}/{recording['id']}/episodes/0").json()["steps"][0]["decision"]
+    decision = episode(browser, "scatter/")["steps"][0]["decision"]
     env = Settings("ScatterFlipIt").make("dev")
     env.reset(options={"task": recorded.episodes[0].task})
     assert sum(decision["legal"]) == env.action_masks().sum()
@@ -157,10 +160,9 @@ def test_episode__counts_legal_actions_by_the_exact_mask(browser: Browser, runs:
 
 
 def test_episode__tower_cells_are_its_boxes(browser: Browser):
-    recording = found(browser, "tower/random-legal")
-    episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
-    assert episode["grid"] == [3, 1]
-    assert {cell for cell, _ in episode["steps"][0]["decision"]["add_cells"]} <= {0, 1, 2}
+    shown = episode(browser, "tower/random-legal")
+    assert shown["grid"] == [3, 1]
+    assert {cell for cell, _ in shown["steps"][0]["decision"]["add_cells"]} <= {0, 1, 2}
 
 
 @pytest.mark.parametrize(
@@ -169,8 +171,6 @@ def test_episode__tower_cells_are_its_boxes(browser: Browser):
         (f"{API}/0123456789abcdef", 404),
         (f"{API}/0123456789abcdef/episodes/0", 404),
         (f"{API}/..%2F..%2Fetc%2Fpasswd", 404),
-        (f"{API}/..", 404),
-        (f"{API}/ABC", 422),
         (f"{API}/%2e%2e", 422),
     ],
 )
@@ -186,33 +186,27 @@ def test_episode__beyond_the_last_is_not_found(browser: Browser):
     assert "this recording has episodes 0 to" in response.json()["message"]
 
 
-def damaged(runs: Path, place: Path, how: str) -> None:
+def damaged(runs: Path, target: Path, how: str) -> None:
     """Writes a damaged copy of a recording."""
     source = next((runs / "old").glob("*.gz"))
-    target = place / "bad.episodes.jsonl.gz"
-    place.mkdir(parents=True, exist_ok=True)
-    if how == "text":
-        target.write_text("not a recording")
-    elif how == "cut":
-        target.write_bytes(source.read_bytes()[:-200])
-    elif how == "empty":
-        target.write_bytes(b"")
+    target.parent.mkdir()
+    if how == "horizon":
+        recording = read_episodes(source)
+        impossible = replace(recording.header.settings, horizon=-5)
+        write_episodes(target, replace(recording.header, settings=impossible), recording.episodes)
     else:
-        shutil.copy(source, target)
-        recording = read_episodes(target)
-        kept = recording.header.settings
-        write_episodes(target, replace(recording.header, settings=replace(kept, horizon=-5)), recording.episodes)
+        target.write_bytes({"text": b"not a recording", "cut": source.read_bytes()[:-200]}[how])
 
 
 @pytest.mark.parametrize(
     ("how", "said"),
-    [("text", "damaged"), ("cut", "truncated"), ("empty", "first line"), ("horizon", "horizon")],
+    [("text", "damaged"), ("cut", "truncated"), ("horizon", "horizon")],
 )
 def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
     tmp_path: Path, runs: Path, how: str, said: str, caplog: pytest.LogCaptureFixture
 ):
     place = tmp_path / "runs"
-    damaged(runs, place, how)
+    damaged(runs, place / f"bad{SUFFIX}", how)
     shutil.copytree(runs / "tower", place / "tower")
     with server(tmp_path, runs=place) as app:
         browser = Browser(app)
@@ -232,14 +226,13 @@ def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
 
 def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
     place = tmp_path / "runs"
-    path = record(place, "expert", "TowerScratch")
+    path = record(place, "expert", "TowerScratch", decisions=False)
+    recording = read_episodes(path)
     with server(tmp_path, runs=place) as app:
         browser = Browser(app)
-        before = found(browser, "expert")
-        recording: Recording = read_episodes(path)
-        fewer = recording.episodes[:3]
-        write_episodes(path, replace(recording.header, episodes=3), fewer)
-        assert (found(browser, "expert")["episodes"], before["episodes"]) == (3, len(recording.episodes))
+        assert found(browser, "expert")["episodes"] == len(recording.episodes) > 3
+        write_episodes(path, replace(recording.header, episodes=3), recording.episodes[:3])
+        assert found(browser, "expert")["episodes"] == 3
 
 
 def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path: Path):

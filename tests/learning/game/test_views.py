@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import (
-    AGENTS,
     PROTOCOLS,
     BatchedGames,
     GameSettings,
@@ -31,6 +29,7 @@ from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
+from tests.command_line import lilgym
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
@@ -109,12 +108,10 @@ def test_own_protocols_and_terms__train_and_play_by_name(tmp_path: Path, monkeyp
     monkeypatch.setitem(PROTOCOLS, "claims", replace(PROTOCOLS["audit"], name="claims"))
     monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
     rewards = json.dumps({"proposer_0": {"mdp": 1, "boldness": 0.1}, "verifier_0": "correctness"})
-    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
-    run = str(tmp_path / "run")
-    game = ["--protocol", "claims", "--rewards", rewards]
-    assert main(["train", "game", "TowerScratch", *game, *small, "--steps", "64", "--out", run]) == 0
+    small = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --width 16 --steps 64"
+    assert lilgym(f"train game TowerScratch --protocol claims --rewards '{rewards}' {small} --out", tmp_path) == 0
     env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
-    agent = open_agent(Path(run), "cpu")
+    agent = open_agent(tmp_path, "cpu")
     assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
 
 
@@ -138,19 +135,18 @@ def test_settings__are_saved_with_views_unless_both_agents_see_everything():
     assert again.views_by_role() == blind.views_by_role()
 
 
-@pytest.mark.parametrize("protocol", ["critique", "joint"])
-def test_train__networks_are_built_from_every_part_of_a_view(tmp_path: Path, protocol: str):
+def test_train__networks_are_built_from_every_part_of_a_view(tmp_path: Path):
     views = {
         "proposer_0": View(scene="none", history=2, refused=False),
         "verifier_0": View(scene="none", statement="tokens", history=1),
     }
     sizes = {"proposer_0": 2, "verifier_0": 3}
-    settings = GameSettings(protocol=protocol, views=views, message_size=sizes)
+    settings = GameSettings(protocol="critique", views=views, message_size=sizes)
     agent = trained(tmp_path, settings)
     players: Any = [agent.partner(role) for role in Role]
-    env = parallel_env(protocol=protocol, views=views, message_size=sizes, split="dev")
+    env = parallel_env(protocol="critique", views=views, message_size=sizes, split="dev")
     assert measure(env, *players, tasks=env.tasks.ids[:5]).games == 5
-    short = parallel_env(protocol=protocol, message_size=sizes, split="dev")
+    short = parallel_env(protocol="critique", message_size=sizes, split="dev")
     with pytest.raises(AgentError, match="a history of 2 turns in its views; the game keeps 0"):
         measure(short, *players, tasks=env.tasks.ids[:5])
 
@@ -197,17 +193,12 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path: Path, thre
     recipe = replace(INDEPENDENT, envs=64, rollout=2048, batch_size=256, epochs=2, learning_rate=3e-3, width=32)
     settings = replace(GUIDED, corpus=three)
     train_game(settings, recipe, tmp_path, steps=40_960, device="cpu", verifiers=[Path("guide")])
-    said = ["--out", str(tmp_path / "said.json")]
-    assert main(["evaluate", str(tmp_path), *said]) == 0
-    assert main(["evaluate", str(tmp_path), "--messages", "silenced", "--out", str(tmp_path / "silent.json")]) == 0
-    told, silent = (
-        next(
-            entry["success"]
-            for entry in json.loads((tmp_path / f"{name}.json").read_text())["results"]
-            if entry["verifier"] == "guide"
-        )
-        for name in ("said", "silent")
-    )
+    success: list[float] = []
+    for messages in ("", "--messages silenced"):
+        assert lilgym(f"evaluate {tmp_path} {messages} --force --out", tmp_path / "found.json") == 0
+        found = json.loads((tmp_path / "found.json").read_text())["results"]
+        success += [entry["success"] for entry in found if entry["verifier"] == "guide"]
+    told, silent = success
     assert told > 0.9
     assert silent < told - 0.2
 
@@ -230,9 +221,3 @@ def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path: Path):
     assert "games side by side do not end" in warning
     line = json.loads((tmp_path / "progress.jsonl").read_text().splitlines()[0])
     assert 0.1 < line["unfinished"] <= 1
-
-
-def test_progress_reward__is_paid_to_learners(tmp_path: Path):
-    rewards = {agent: {"mdp": 1, "progress": 0.3} for agent in AGENTS}
-    trained_agent = trained(tmp_path, GameSettings(protocol="joint", rewards=rewards))
-    assert trained_agent.game.rewards == rewards

@@ -55,17 +55,13 @@ def test_batch__labels_hold_after_recolouring(statements: str):
     tokenizer = StatementTokenizer(vocabulary)
     sampler = BatchSampler(table, heads, tokenizer, torch.device("cpu"), ImitationRecipe(unknown_words=0.0))
     batch = sampler.batch(entries, 3, 4, np.random.default_rng(3))
-    programs = {
-        f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
-        for statement, program, name in (
-            (" ".join(normalised_words(entry.statement, ())), entry.program.source, colour.name)
-            for entry in entries
-            for colour in Colour
-            if colour.name.lower() in entry.statement
-        )
-        for colour in Colour
-        for start, end in [statement.split(name.lower())]
-    }
+    programs: dict[str, str] = {}
+    for entry in entries:
+        words = " ".join(normalised_words(entry.statement, ()))
+        (named,) = [colour.name for colour in Colour if colour.name.lower() in words]
+        for other in Colour:
+            recoloured = words.replace(named.lower(), other.name.lower())
+            programs[recoloured] = entry.program.source.replace(named, other.name)
     solver = Solver(make_dynamics(Tower()))
     changed = 0
     for row, entry in enumerate(entries):

@@ -19,8 +19,7 @@ from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
-from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings
+from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
@@ -52,7 +51,6 @@ from lilgym_mp.learning.parsing.parser import (
 from lilgym_mp.learning.parsing.planning import ProgramPlanner, explanation_lines, fit_calibration
 from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
-from lilgym_mp.perception import read_scene
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import prefix_tokens
 from lilgym_mp.programs.printing import source_of
@@ -61,7 +59,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
-from tests.corpora import write_own_corpus, write_thin_corpus
+from tests.corpora import entry, write_own_corpus, write_thin_corpus
 from tests.learning.conftest import accuracy, equal
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
@@ -315,30 +313,26 @@ def test_planner__stops_without_candidates_or_remaining_steps():
     assert len(last.actions) == 1
 
 
+def observed(image: np.ndarray, statement: str, step: int = 0) -> Observations:
+    return Observations(image[None], (statement,), *(np.array([number]) for number in (1, step, 0)))
+
+
 def test_policy__replans_after_an_unexpected_image():
     settings = Settings("TowerScratch")
     env = settings.make("dev")
     observation, _ = env.reset(seed=0)
     policy = PlanPolicy(planner((BLUE, 1.0)))
 
-    def seen(image: np.ndarray, step: int) -> Observations:
-        return Observations(image[None], ("any",), np.array([1]), np.array([step]), np.array([0]))
+    def choice(image: np.ndarray, step: int) -> int:
+        return int(policy(observed(image, "any", step), np.zeros((1, 0), bool), np.random.default_rng(0))[0])
 
-    nothing, rng = np.zeros((1, 0), bool), np.random.default_rng(0)
-    (add,) = policy(seen(observation["image"], 0), nothing, rng)
+    add = choice(observation["image"], 0)
     assert add != 0
-    (again,) = policy(seen(observation["image"], 1), nothing, rng)  # as if nothing had happened
-    assert again == add
-    after, *_ = env.step(int(add))
-    (stop,) = policy(seen(after["image"], 2), nothing, rng)
-    assert stop == 0
-
-
-def test_policy__stops_on_an_unreadable_image():
-    policy = PlanPolicy(planner((BLUE, 1.0)))
-    noise = np.random.default_rng(0).integers(0, 255, (1, 50, 190, 3), np.uint8)
-    observations = Observations(noise, ("any",), np.array([1]), np.array([0]), np.array([0]))
-    assert policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0)).tolist() == [0]
+    assert choice(observation["image"], 1) == add  # as if nothing had happened
+    after, *_ = env.step(add)
+    assert choice(after["image"], 2) == 0
+    noise = np.random.default_rng(0).integers(0, 255, (50, 190, 3), np.uint8)
+    assert choice(noise, 0) == 0, "stops where it can read nothing"
 
 
 @pytest.mark.parametrize(
@@ -355,24 +349,6 @@ def test_agent__plans_for_any_statement(trained: Path, statement: str):
     assert all(repr(word) in lines for word in plan.parse.unknown)
 
 
-@pytest.mark.parametrize("configuration", CONFIGURATIONS)
-def test_shipped_agent__solves_most_tasks_of_every_configuration_from_pixels(configuration: str):
-    settings = Settings(configuration)
-    agent = load_agent("parse-and-plan", "cpu")
-    assert isinstance(agent, ParseAndPlanAgent)
-    assert configuration in agent.description.configurations
-    assert "builtin" in agent.description.supervision
-    planner = agent.planner(settings)
-    tasks = list(settings.make("dev").tasks)
-    some = tasks[:: len(tasks) // 12][:12]
-    outcomes = []
-    for task in some:
-        seen = read_scene(draw(task.start, "half"), settings.appearance)
-        outcomes.append(planner.outcome(planner.plan(seen, task.statement, task.target), task))
-    assert Outcome.INVALID_ACTION not in outcomes
-    assert outcomes.count(Outcome.SUCCESS) >= 0.8 * len(some)
-
-
 @pytest.mark.long
 def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse_less():
     agent = open_agent(Path("parse-and-plan"), "cpu")
@@ -385,11 +361,10 @@ def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse
     assert plan.success_probability <= (6 / 7) ** 2
     notes = ("read 'bloc' as 'block'", "unknown, 1 of 7 words: 'zorblax'")
     assert tuple(plan.parse.notes()) == notes
-    policy = PlanPolicy(planner)
-    image = draw(empty_tower(), "half")[None]
-    observations = Observations(image, ("There is a zorblax on a bloc.",), *(np.array([n]) for n in (1, 0, 0)))
-    chosen = policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0))
-    assert policy.output(np.zeros((1, 0), bool), chosen).notes == [notes]
+    policy, nothing = PlanPolicy(planner), np.zeros((1, 0), bool)
+    seen = observed(draw(empty_tower(), "half"), "There is a zorblax on a bloc.")
+    chosen = policy(seen, nothing, np.random.default_rng(0))
+    assert policy.output(nothing, chosen).notes == [notes]
 
 
 NO_BLUE = "not exist(filter_obj(all_items, lambda x: is_blue(x)))"
@@ -399,9 +374,7 @@ NO_BLUE = "not exist(filter_obj(all_items, lambda x: is_blue(x)))"
     ("statement", "program"),
     [
         ("There isn't a blue block.", NO_BLUE),
-        ("There ain\u2019t a blue block!", NO_BLUE),
         ("A blue block does not exist.", NO_BLUE),
-        ("There does not exist any blue block.", NO_BLUE),
         ("There are \uff13 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
         ("There are \u0663 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
     ],
@@ -419,11 +392,12 @@ def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(statement:
         ("All circles don't touch a black circle, and none is blue.", "does not express 'not' and 'none'"),
         ("There is a blue circle and there isn't a blue circle.", "is false in every scene"),
         ("There are 1,000 black circles.", "'1,000' cannot be read"),
-        ("There are 2.5 black circles.", "'2.5' cannot be read"),
         ("There are more than \u22121 black circles.", "'\u22121' cannot be read"),
-        ("There are 3-4 black circles.", "'3-4' cannot be read"),
         ("There are \u2462 black circles.", "'\u2462' cannot be read"),
         ("There is never a blue circle.", "unknown, 1 of 6 words: 'never'"),
+        ("Zorbl, every circle is blue", "words: 'zorbl'"),
+        ("≥ 3 circles", "words: '≥'"),
+        ("There is a blök.", "words: 'blök'"),
         ("The asdf qwerty.", "nothing was understood"),
         ("", "nothing was understood"),
     ],
@@ -455,19 +429,6 @@ def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse()
     )
     parses = [agent.parser.parse(statement, "tower") for statement in written]
     assert len({(parse.words, parse.candidates) for parse in parses}) == 1
-    assert parses[0].candidates[0].program.startswith("All(")
-    for written, unknown in (
-        ("Zorbl, every tower has a yellow base", "zorbl"),
-        ("!!!", "!!!"),
-        ("≥ 3 blocks", "≥"),
-        ("There is a blök.", "blök"),
-        ("Жёлтый блок.", "жёлтый"),
-        ("", ""),
-    ):
-        parse = agent.parser.parse(written, "tower")
-        assert parse.unknown[0] == unknown
-        assert parse.confidence <= UNKNOWN_FACTOR
-        assert any(f"words: {unknown!r}" in note for note in parse.notes())
 
 
 @pytest.mark.long
@@ -488,9 +449,7 @@ def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
         print(len(TOKENS))
     """
     before, after = (
-        subprocess.run(
-            [sys.executable, "-c", "\n".join(map(textwrap.dedent, parts))], capture_output=True, text=True, check=True
-        ).stdout.splitlines()
+        subprocess.check_output([sys.executable, "-c", "\n".join(map(textwrap.dedent, parts))], text=True).splitlines()
         for parts in ([parse], [new_word, parse])
     )
     assert after[0] == before[0]
@@ -531,25 +490,16 @@ def test_parse_scores__count_exact_forms_and_equal_truth_by_form_and_level(tmp_p
     exists = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     same = "count(filter_obj(all_items, lambda x: is_blue(x))) >= 1"
     two = "count(filter_obj(all_items, lambda x: is_blue(x))) == 2"
-    rows = [
-        ("train", "There is a blue block.", exists),
-        ("dev", "There is a black block.", exists),
-        (
-            "dev",
-            "Some block is blue.",
-            "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x)))))",
-        ),
-        ("dev", "Two blocks are blue.", two),
-    ]
+    in_a_box = "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x)))))"
     entries = [
-        {"id": str(n), "appearance": "tower", "split": s, "statement": text, "program": program, "starts": []}
-        for n, (s, text, program) in enumerate(rows)
+        entry("0", "tower", "train", "There is a blue block.", exists),
+        entry("1", "tower", "dev", "There is a black block.", exists),
+        entry("2", "tower", "dev", "Some block is blue.", in_a_box),
+        entry("3", "tower", "dev", "Two blocks are blue.", two),
     ]
     write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", entries)
-    found = {
-        score.group: score
-        for score in parse_scores(Oracle((same, 0.6), (two, 0.4)), str(tmp_path / "own.jsonl"), "dev")
-    }
+    scores = parse_scores(Oracle((same, 0.6), (two, 0.4)), str(tmp_path / "own.jsonl"), "dev")
+    found = {score.group: score for score in scores}
     assert found["all"] == ("tower", "all", 3, pytest.approx(1 / 3), pytest.approx(2 / 3), 1.0)
     assert found["seen forms"][2:] == (1, 1.0, 1.0, 1.0)
     assert found["unseen forms"][2:] == (2, 0.0, 0.5, 1.0)

@@ -78,6 +78,10 @@ def _with_gradients(model: BoxTransformer, states: States) -> torch.Tensor:
         return model(states).values.detach()
 
 
+def flat(found: Any) -> list[torch.Tensor]:
+    return [found.types, found.values, *found.heads]
+
+
 def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTransformer):
     states, images = seen(count=6)
     together = ours(states)
@@ -86,21 +90,16 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTrans
         alone = ours(
             table.states(STATEMENTS, states.statement_of[[row]], table.indices(images[[row]]), states.targets[[row]])
         )
-        torch.testing.assert_close(alone.types[0], together.types[row], atol=1e-5, rtol=1e-4)
-        torch.testing.assert_close(alone.heads[0][0], together.heads[0][row], atol=1e-5, rtol=1e-4)
-        torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
+        for one, all_of_it in zip(flat(alone), flat(together), strict=True):
+            torch.testing.assert_close(one[0], all_of_it[row], atol=1e-5, rtol=1e-4)
 
 
-def test_ours__every_parameter_has_a_gradient():
-    for appearance, separators in ((Tower(), False), (Scatter(), False), (Scatter(), True)):
-        torch.manual_seed(0)
-        model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
-        states, _ = seen("TowerFlipIt" if appearance.name == "tower" else "ScatterFlipIt")
-        found = model(states)
-        total = sum((head * torch.randn_like(head)).sum() for head in (found.types, *found.heads))
-        (total + found.values.sum()).backward()
-        lacking = [name for name, weight in model.named_parameters() if weight.grad is None]
-        assert lacking == []
+@pytest.mark.parametrize(("appearance", "separators"), [(Tower(), False), (Scatter(), False), (Scatter(), True)])
+def test_ours__every_parameter_has_a_gradient(appearance: Tower | Scatter, separators: bool):
+    model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
+    found = model(seen(f"{appearance.name.title()}FlipIt")[0])
+    sum(part.square().sum() for part in flat(found)).backward()
+    assert [name for name, weight in model.named_parameters() if weight.grad is None] == []
 
 
 def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
@@ -119,15 +118,10 @@ def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
 def test_critic__shares_weights_only_if_shared(critic: str):
-    recipe = PPORecipe.of("TowerFlipIt", critic=critic)
-    model = make_model(recipe, Tower(), statements=STATEMENTS)
+    model = make_model(PPORecipe.of("TowerFlipIt", critic=critic), Tower(), statements=STATEMENTS)
     model(seen()[0]).values.sum().backward()
-    touched = {name for name, weight in model.named_parameters() if weight.grad is not None}
-    if critic == "separate":
-        assert touched
-        assert all(name.startswith("critic.") for name in touched)
-    else:
-        assert any(name.startswith("text.") for name in touched)
+    touched = {name.partition(".")[0] for name, weight in model.named_parameters() if weight.grad is not None}
+    assert (touched == {"critic"}) == (critic == "separate")
 
 
 # Pretrained
@@ -204,19 +198,19 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return places
 
 
-ARCHITECTURE = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
 SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
 SHORT |= {"held_out": 0.0, "patience": 0}
 
 
-@pytest.mark.parametrize("critic", ["separate", "shared"])
-@pytest.mark.parametrize("model", sorted(ARCHITECTURE))
+@pytest.mark.parametrize(
+    ("model", "critic"), [("c3-bert", "separate"), ("c10-bert", "shared"), ("vilt", "shared"), ("flava", "separate")]
+)
 def test_pretrained__trained_agent_is_saved_and_reloaded(
     tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
 ):
     settings = Settings("TowerFlipIt", corpus=own, horizon=3)
     recipe = PPORecipe.of("TowerFlipIt", "paper", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
-    weights = tiny[ARCHITECTURE[model]]
+    weights = tiny[model if model in tiny else "bert"]
     agent = train_ppo(settings, recipe, tmp_path, steps=8, weights=weights, device="cpu")
     assert agent.description.supervision.endswith("no mask of legal actions; pretrained weights")
     again = open_agent(tmp_path, "cpu")
@@ -234,20 +228,9 @@ def test_cuda_graphs__train_as_without_them(
     for use_graphs in (True, False):
         monkeypatch.setattr(training, "uses_graphs", lambda *_, answer=use_graphs: answer)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
-        recipe = PPORecipe.of(
-            "TowerScratch",
-            "paper",
-            model="c3-bert",
-            stop_forcing=True,
-            reduced_precision=False,
-            envs=4,
-            rollout=16,
-            batch_size=8,
-            epochs=2,
-            held_out=0.0,
-            patience=0,
-        )
-        train_ppo(settings, recipe, out, steps=64, weights=tiny["bert"], device=device)
+        changes = {**SHORT, "rollout": 16, "reduced_precision": False}
+        recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", stop_forcing=True, **changes)
+        train_ppo(settings, recipe, out, steps=32, weights=tiny["bert"], device=device)
         weights.append(load_file(out / "agent.safetensors"))
         (group,) = torch.load(out / "checkpoint.pt")["optimiser"]["param_groups"]
         assert (type(group["lr"]), group["capturable"]) == (float, False)  # any device can continue
@@ -316,8 +299,6 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
         ("none", "needs pretrained weights: name a directory with --weights, of the architecture bert"),
         ("nowhere", "not a directory of weights: it does not exist"),
         ("other", r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert"),
-        ("no config", r"config\.json: cannot be read"),
-        ("no object", r"config\.json: cannot be read"),
         ("bad config", r"config\.json: cannot be read"),
         ("pickle", r"cannot be loaded: .*model\.safetensors"),
         ("no tokenizer", "cannot be loaded"),
@@ -333,11 +314,7 @@ def test_weights__unusable_directories_are_rejected_with_the_reason(
     place = tmp_path / "weights"
     shutil.copytree(tiny["vilt" if damage == "other" else "bert"], place)
     tensors, config = place / "model.safetensors", place / "config.json"
-    if damage == "no config":
-        config.unlink()
-    elif damage == "no object":
-        config.write_text("[]")
-    elif damage == "bad config":
+    if damage == "bad config":
         config.write_text("{")
     elif damage == "pickle":
         tensors.rename(place / "pytorch_model.bin")

@@ -63,11 +63,9 @@ def test_plans__are_as_short_as_the_best_and_nearly_as_sure():
     best, *others = planner.plans(task.start, task.statement, task.target, most=20)
     assert best == planner.plan(task.start, task.statement, task.target)
     assert others
-    for plan in others:
-        assert len(plan.actions) == len(best.actions)
-        assert (
-            best.success_probability - planner.recipe.edit_cost <= plan.success_probability <= best.success_probability
-        )
+    assert {len(plan.actions) for plan in others} == {len(best.actions)}
+    least = best.success_probability - planner.recipe.edit_cost
+    assert all(least <= plan.success_probability <= best.success_probability for plan in others)
 
 
 def test_distances_of_boxes__are_those_of_single_edits():

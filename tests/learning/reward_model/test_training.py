@@ -21,9 +21,7 @@ from lilgym_mp.learning.reward_model import training
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
-from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Box, Scene
-from lilgym_mp.scene.appearances.tower.geometry import tower_tables
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array
 from tests.learning.conftest import accuracy, counted_stops, equal
 from tests.learning.reward_model.conftest import small_recipe
@@ -43,21 +41,6 @@ def test_training__solves_three_statements_in_seconds(statements: str, tmp_path:
     agent, settings = train(statements, name, tmp_path / "run")
     assert accuracy(agent, settings) == 1
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
-
-
-@pytest.mark.long
-def test_training__learns_nothing_from_shuffled_rewards(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    rng = np.random.default_rng(0)
-    with monkeypatch.context() as patched:
-        patched.setattr(Task, "solved_by", lambda task, scene: bool(rng.integers(2)))
-        agent, settings = train(statements, "TowerFlipIt", tmp_path / "run", searching=0.0)
-    assert accuracy(agent, settings) < 1
-    entry, collector = labelled_entry(settings)
-    scenes = [collector.table.scene(boxes) for boxes in entry.scenes]
-    judged = agent.probabilities(entry.statement, scenes) > 0.5
-    assert np.mean(judged == entry.truths) < 0.75
 
 
 def labelled_entry(settings: Settings, stops: int = 60) -> tuple[LabelledStatement, Collector]:
@@ -106,11 +89,6 @@ def test_climb__stops_in_the_edits_that_the_model_likes_best_for_a_truth_value(s
     after = {collector.table.scene(boxes) for boxes in entry.scenes[before:]}
     assert after - starts
     assert after <= liked | starts
-
-
-def three_blocks() -> Scene:
-    blocks = tower_tables().boxes
-    return Scene((next(box for box in blocks if len(box.items) == 3), Box(), Box()))
 
 
 def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
