@@ -38,7 +38,8 @@ def collect(tmp_path: Path) -> Collect:
 
     def collected(arguments: str) -> Any:
         assert lilgym(f"data collect {arguments} --split dev --force --out", tmp_path / "own.npz") == 0
-        return np.load(tmp_path / "own.npz")
+        with np.load(tmp_path / "own.npz") as file:
+            return dict(file)
 
     return collected
 
@@ -80,7 +81,7 @@ def test_fields__are_what_the_environment_shows(collect: Collect, configuration:
         assert any(ends)
         assert found["return_to_go"][begin] == pytest.approx(returned)
         assert info["outcome"] == found["outcome"][index]
-    assert set(found.files) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
+    assert set(found) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
     assert (found["outcome"] == "success").all() == (quality == "expert")
     about = json.loads(str(found["about"]))
     assert about["wrappers"] == {"structured": ["StructuredObservation"], "text": ["TextObservation"]}.get(form, [])

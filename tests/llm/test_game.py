@@ -147,10 +147,9 @@ def test_command__cross_plays_the_model_with_scripted_partners_and_itself(
         assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0
     shown = capsys.readouterr().out
     summary = json.loads((tmp_path / "summary.json").read_text())
-    pairs = {(each["proposer"], each["verifier"]) for each in summary["results"]}
-    model = "openai m"
-    assert {(model, model), (model, "oracle"), (model, "ppo-tower"), ("expert", model), ("ppo-tower", model)} <= pairs
-    assert {("random", "oracle"), ("expert", "random")} <= pairs
+    pairs = {f"{each['proposer']} with {each['verifier']}" for each in summary["results"]}
+    assert {"openai m with openai m", "openai m with oracle", "expert with openai m"} <= pairs
+    assert {"openai m with ppo-tower", "ppo-tower with openai m", "random with oracle", "expert with random"} <= pairs
     assert "lies accepted" in shown
     first = json.loads((tmp_path / "transcripts.jsonl").read_text().splitlines()[0])
     assert set(first["messages"]) == {"proposer", "verifier"}
@@ -174,8 +173,6 @@ def test_command__continues_without_paying_twice(tmp_path: Path, capsys: pytest.
         summary = json.loads((tmp_path / "summary.json").read_text())
         assert summary["results"][0]["games"] == 3 == whole["results"][0]["games"] + 1
         assert len(asked) == summary["answers"] + 1
-        assert main(arguments) == 2
-        assert "has this run" in capsys.readouterr().err
         assert main([*arguments, "--seed", "5"]) == 2
         assert "was played with seed 0, not 5" in capsys.readouterr().err
 

@@ -25,6 +25,7 @@ from lilgym_mp.contrib.llm import Player, make_agent, progression, success_inter
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
+from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
@@ -102,22 +103,15 @@ def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(s
 
 
 def test_progression__is_relative_to_the_experts_distance():
-    player = Player(Settings("ScatterScratch"), make_agent("expert"))
-    solver = Solver(player.env.get_wrapper_attr("dynamics"))
-    for task in player.task_ids():
-        player.env.reset(options={"task": task})
-        start = player.env.get_wrapper_attr("state")
-        solution = solver.solve_from(start)
-        if solution.steps < 4:
-            continue
-        assert progression(solver, start, start, success=False) == 0
-        state = start
-        for done, action in enumerate(solution.actions[:-1], 1):
-            state = solver.dynamics.step(state, action).state
-            assert progression(solver, start, state, success=False) == pytest.approx(done / solution.steps)
-        assert progression(solver, start, state, success=True) == 1
-        return
-    pytest.fail("no task needs three edits")
+    settings = Settings("ScatterScratch")
+    solver, tasks = Solver(settings.dynamics()), settings.tasks("dev")
+    task = next(task for task in tasks if solver.solve(task).steps == 4)
+    state = start = State(task, task.start, 0)
+    assert progression(solver, start, start, success=False) == 0
+    for done, action in enumerate(solver.solve(task).actions[:-1], 1):
+        state = solver.dynamics.step(state, action).state
+        assert progression(solver, start, state, success=False) == pytest.approx(done / 4)
+    assert progression(solver, start, state, success=True) == 1
 
 
 def test_wilson_interval__known_values():
@@ -234,7 +228,7 @@ def test_command__failing_in_every_episode_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
-    assert main(["llm", "play", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
+    assert play(f"--agent failing --out {tmp_path}") == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
     failed = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]

@@ -48,16 +48,18 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
     right = {"id": first["id"], "reply": first["answer"]}
     samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
     others = [{"id": second["id"], "reply": f"maybe {n}"} for n in range(4)]
-    for lines, success, passed, replies in (
-        ([right] * 500, 0.5, {}, 1),  # and the second prompt has no reply
-        ([*samples, *others], 0.125, {"pass@1": 0.125, "pass@2": 0.25, "pass@4": 0.5}, 8),
-    ):
+
+    def summary(*lines: object) -> Any:
         answers = written(tmp_path / "replies.jsonl", *lines)
         assert lilgym(f"llm score {prompts} --answers {answers} --force --out", scores) == 0
-        summary = json.loads(scores.read_text())
-        assert (summary["success"], summary["pass"], summary["replies"]) == (success, passed, replies)
-    assert summary["reasons"] == {"no line is true or false": 7}
-    assert {"id": first["id"], "sample": 1, "reward": 0.0}.items() <= summary["scores"][1].items()
+        return json.loads(scores.read_text())
+
+    once = summary(*[right] * 500)
+    assert (once["success"], once["pass"], once["replies"]) == (0.5, {}, 1)  # the second prompt has no reply
+    found = summary(*samples, *others)
+    assert (found["success"], found["replies"]) == (0.125, 8)
+    assert found["pass"] == {"pass@1": 0.125, "pass@2": 0.25, "pass@4": 0.5}
+    assert found["reasons"] == {"no line is true or false": 7}
 
 
 def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
@@ -97,16 +99,20 @@ def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     row, _ = rows_of(prompts, "--kind truth --episodes 2")
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})
     samples = [{"id": row["id"], "sample": 0, "reply": reply} for reply in ("true", "true", "false")]
-    for file, replies, message in (
-        (prompts, written(tmp_path / "a", {"id": "other", "reply": ""}), "has no row 'other'"),
-        (prompts, written(tmp_path / "b", {"id": row["id"]}), "line 1: a reply must be an object"),
-        (prompts, written(tmp_path / "c", "{\n"), "not JSON"),
-        (prompts, written(tmp_path / "g", *samples), f"line 3: another reply to '{row['id']}' as sample 0: "),
-        (prompts, written(tmp_path / "h", '{"id": "a", "reply": "", "reply": "x"}\n'), "duplicate key 'reply'"),
-        (prompts, written(tmp_path / "e"), "the file is empty"),
-        (prompts, str(tmp_path / "none"), "cannot be read: No such file"),
-        (written(tmp_path / "f", {**row, "format": "lilgym_mp row 0"}), good, "line 1: a row must have the format"),
+    for lines, message in (
+        ([{"id": "other", "reply": ""}], "has no row 'other'"),
+        ([{"id": row["id"]}], "line 1: a reply must be an object"),
+        (["{\n"], "not JSON"),
+        (samples, f"line 3: another reply to '{row['id']}' as sample 0: "),
+        (['{"id": "a", "reply": "", "reply": "x"}\n'], "duplicate key 'reply'"),
+        ([], "the file is empty"),
     ):
-        assert lilgym(f"llm score {file} --answers {replies}") == 2
-        (line,) = capsys.readouterr().err.splitlines()[-1:]
-        assert message in line
+        assert lilgym(f"llm score {prompts} --answers", written(tmp_path / "replies", *lines)) == 2
+        assert message in capsys.readouterr().err.splitlines()[-1]
+    other = written(tmp_path / "other", {**row, "format": "lilgym_mp row 0"})
+    for command, message in (
+        (f"{prompts} --answers nowhere", "cannot be read: No such file"),
+        (f"{other} --answers {good}", "line 1: a row must have the format"),
+    ):
+        assert lilgym(f"llm score {command}") == 2
+        assert message in capsys.readouterr().err.splitlines()[-1]
