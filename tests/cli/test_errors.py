@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -34,9 +33,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("command", ERRORS)
-def test_usage_error__is_one_line(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_usage_error__is_one_line(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert lilgym(command) == USAGE_ERROR
     *notes, last = capsys.readouterr().err.splitlines()
@@ -47,9 +44,7 @@ def test_usage_error__is_one_line(
 
 
 @pytest.mark.parametrize("command", ["train ppo TowerScratch", "train parse-and-plan", "evaluate --policy expert"])
-def test_output__unwritable_directory_is_an_error_before_any_work(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_output__unwritable_directory_is_an_error_before_any_work(command, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert lilgym(command, "--out", tmp_path / "file" / "deeper" / "out") == USAGE_ERROR
     written = capsys.readouterr()
@@ -66,7 +61,7 @@ def test_options__with_several_values_add_up_when_given_again():
 
 
 @pytest.mark.parametrize("command", [None, *COMMANDS])
-def test_help__of_every_command(command: str | None, capsys: pytest.CaptureFixture[str]):
+def test_help__of_every_command(command, capsys):
     with pytest.raises(SystemExit, match="0"):
         lilgym(command or "", "--help")
     assert f"usage: lilgym-mp{' ' + command if command else ''}" in capsys.readouterr().out
@@ -83,9 +78,7 @@ def test_help__imports_no_heavy_package():
     assert done.stdout.splitlines()[-1] == "loaded"
 
 
-def test_missing_package__error_names_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_missing_package__error_names_what_to_install(tmp_path, monkeypatch, capsys):
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.learning")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr("lilgym_mp.learning", None, raising=False)  # the import below replaces it until the end
@@ -96,7 +89,7 @@ def test_missing_package__error_names_what_to_install(
     assert "(the extra train)" in written
 
 
-def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.CaptureFixture[str]):
+def test_explain_program__shows_truth_and_satisfying_items(capsys):
     assert lilgym("explain --task tower-dev-001 --program 'exist(filter_obj(all_items, lambda x: is_blue(x)))'") == 0
     shown = capsys.readouterr().out
     assert '"I can see a blue block."' in shown
@@ -105,16 +98,14 @@ def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.Captur
 
 
 @pytest.mark.parametrize("source", ["exist(filter_obj(all_items, is_blue))", "is_blue(unique(all_items))"])
-def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(
-    source: str, capsys: pytest.CaptureFixture[str]
-):
+def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(source, capsys):
     assert lilgym("explain --configuration ScatterScratch --program", source) == 0
     output = capsys.readouterr().out
     assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
     assert "= False" in output
 
 
-def test_explain_program__shows_the_position_of_an_error(capsys: pytest.CaptureFixture[str]):
+def test_explain_program__shows_the_position_of_an_error(capsys):
     assert lilgym("explain --program 'exist(all_itmes)'") == USAGE_ERROR
     lines = capsys.readouterr().err.splitlines()
     assert lines[2].index("^") == lines[1].index("all_itmes")
@@ -133,9 +124,7 @@ DAMAGES = {
 
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("command", ["evaluate", "train ppo --resume --out"])
-def test_damaged_run__is_reported_in_one_line(
-    damage: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_run__is_reported_in_one_line(damage, command, tmp_path, capsys):
     (tmp_path / "run.json").write_text(DAMAGES[damage], encoding="utf-8")
     assert lilgym(command, tmp_path) == USAGE_ERROR
     output = capsys.readouterr().err

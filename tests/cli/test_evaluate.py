@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
@@ -24,7 +21,7 @@ def write_entries(path: Path, *entries: tuple[str, str, str]) -> str:
     return str(path)
 
 
-def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsys):
     corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
     assert lilgym(command, tmp_path / "out.json") == 0
@@ -35,7 +32,7 @@ def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path: Path,
     assert (never["task"], never["outcome"] == "success") == ("t1", False)
 
 
-def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path: Path):
+def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
     known = next(iter(load_tasks("builtin", "tower", "scratch", "train")))
     entries = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
     corpus = write_entries(tmp_path / "own.jsonl", *entries)
@@ -48,12 +45,12 @@ def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path: P
     assert (wrong["equal_truth"], wrong["program"], wrong["uncertain"][0]) == (False, NEVER, "nothing was understood")
 
 
-def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path: Path):
+def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path):
     seen = next(iter(load_tasks("builtin", "tower", "scratch", "train"))).statement
     corpus = write_entries(tmp_path / "own.jsonl", ("train", "A new one.", BLUE), ("dev", seen, BLUE))
     settings = Settings("TowerScratch", corpus=corpus)
 
-    def trained_on(recipe: dict[str, Any]) -> set[str]:
+    def trained_on(recipe):
         return training_statements(settings, NamedPolicy("any", lambda settings: None, "", details={"recipe": recipe}))
 
     assert trained_on({}) == {"A new one."}

@@ -49,14 +49,14 @@ def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, 
 
 
 @pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
+def runs(monkeypatch) -> dict[str, Trained]:
     """Runs by path, to be filled in by the test."""
-    trained: dict[str, Trained] = {}
+    trained = {}
     monkeypatch.setattr("lilgym_mp.learning.common.agents.open_agent", lambda path, device: trained[str(path)])
     return trained
 
 
-def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: str, capsys: pytest.CaptureFixture[str]):
+def test_without_runs__scripted_partners_play_each_other(tmp_path, own, capsys):
     found = results(tmp_path, f"--protocol audit --configuration TowerScratch --corpus {own}")
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
     lie = found["expert-deceptive", "always-accept"]
@@ -70,9 +70,7 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     assert f"TowerScratch, audit, dev, corpus {own}" in capsys.readouterr().out
 
 
-def test_cross_play__is_also_a_table_with_a_remark_on_pairs_that_learned_for_other_rewards(
-    tmp_path: Path, own: str, runs: dict[str, Any]
-):
+def test_cross_play__is_also_a_table_with_a_remark_on_pairs_that_learned_for_other_rewards(tmp_path, own, runs):
     runs.update(a=Trained(own), b=Trained(own))
     runs["b"].game = replace(runs["b"].game, rewards="hidden")
     written = results(tmp_path, "a b --cross-play")
@@ -88,16 +86,14 @@ def test_cross_play__is_also_a_table_with_a_remark_on_pairs_that_learned_for_oth
 
 
 @pytest.mark.parametrize("single", [False, True])
-def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
-    tmp_path: Path, own: str, runs: dict[str, Any], single: bool
-):
+def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path, own, runs, single):
     runs["a"] = Single() if single else Trained(own)
     game = f"--protocol audit --configuration TowerScratch --corpus {own}" if single else ""
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
     assert results(tmp_path, f"a {game}").keys() == pairs
 
 
-def test_run__plays_the_requested_configurations(tmp_path: Path, runs: dict[str, Any]):
+def test_run__plays_the_requested_configurations(tmp_path, runs):
     runs["a"] = Trained("builtin")  # on TowerScratch
     assert lilgym("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json") == 0
     entries = json.loads((tmp_path / "results.json").read_text())["results"]
@@ -117,9 +113,7 @@ def test_run__plays_the_requested_configurations(tmp_path: Path, runs: dict[str,
         ("--cross-play --seed -1", "seed"),
     ],
 )
-def test_what_cannot_be_played__is_one_line(
-    arguments: str, message: str, runs: dict[str, Trained], capsys: pytest.CaptureFixture[str]
-):
+def test_what_cannot_be_played__is_one_line(arguments, message, runs, capsys):
     runs |= {protocol: Trained("builtin", protocol) for protocol in ("audit", "veto", "critique")}
     runs["guided"] = Trained("builtin")
     runs["guided"].game = GameSettings(protocol="critique", views="guide")
@@ -128,7 +122,7 @@ def test_what_cannot_be_played__is_one_line(
     assert message in line
 
 
-def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path: Path, own: str):
+def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path, own):
     game = f"--protocol critique --configuration TowerScratch --corpus {own}"
     assert not [pair for pair in results(tmp_path, game) if "guide" in pair or "builder" in pair]
     for messages, success in ((None, 1.0), ("silenced", 0.0)):
@@ -137,11 +131,11 @@ def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path
         assert (found["success"], found["messages"]) == (success, messages)
 
 
-def test_actions__are_greedy_sampled_or_both(tmp_path: Path, own: str, runs: dict[str, Any]):
-    asked: list[bool] = []
+def test_actions__are_greedy_sampled_or_both(tmp_path, own, runs):
+    asked = []
 
     class Sampled(Trained):
-        def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Any:
+        def partner(self, role, game, *, sampled=False):
             asked.append(sampled)
             return super().partner(role, game)
 

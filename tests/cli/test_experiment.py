@@ -39,14 +39,14 @@ def write_file(path: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("file", sorted(FILES.glob("*.toml")), ids=lambda file: file.stem)
-def test_plan__shipped_files_are_valid(file: Path, request: pytest.FixtureRequest):
+def test_plan__shipped_files_are_valid(file, request):
     if tomllib.loads(file.read_text())["corpus"] == "lilgym":
         request.getfixturevalue("official_data")
     plan = read_plan(file)
     assert len({planned.name for planned in plan}) == len(plan)
 
 
-def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path):
+def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path):
     text = """
     splits = ["dev", "test"]
     configurations = ["TowerScratch", "TowerFlipIt"]
@@ -76,7 +76,7 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert plan[4].train == ()
 
 
-def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path: Path):
+def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path):
     text = 'configurations = ["TowerScratch"]\n[[learners]]\nlearner = "ppo"\nsteps = 1e5\nlearning_rate = 1e-3\n'
     [planned] = read_plan(write_file(tmp_path / "a.toml", text))
     assert planned.budget == ("steps", 100_000)
@@ -94,14 +94,14 @@ def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path: Path):
         ('"reward-model"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
     ],
 )
-def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str, played: list[str]):
+def test_plan__evaluates_on_the_starts_of_training(tmp_path, learner, played):
     (planned,) = read_plan(write_file(tmp_path / "a.toml", f'corpus = "builtin"\n[[learners]]\nlearner = {learner}\n'))
     (words,) = planned.evaluate
     first = words.index("--configuration") + 1
     assert list(words[first : words.index("--corpus")]) == played
 
 
-def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, capsys):
     text = """
     configurations = ["TowerFlipIt"]
     seeds = [3, 5]
@@ -115,7 +115,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path: Path
     assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
-def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
+def test_plan__learner_trained_on_another_corpus(tmp_path):
     own = str(write_own_corpus(tmp_path / "own.jsonl"))
     text = f'corpus = "{own}"\n[[learners]]\nlearner = "parse-and-plan"\ncorpus = "builtin"\n'
     (planned,) = read_plan(write_file(tmp_path / "a.toml", text))
@@ -149,13 +149,13 @@ def test_plan__learner_trained_on_another_corpus(tmp_path: Path):
         ("seeds = [", "invalid TOML"),
     ],
 )
-def test_plan__errors_name_file_key_and_choices(tmp_path: Path, text: str, message: str):
+def test_plan__errors_name_file_key_and_choices(tmp_path, text, message):
     with pytest.raises(CommandError, match=message) as error:
         read_plan(write_file(tmp_path / "bad.toml", text))
     assert str(error.value).startswith(str(tmp_path / "bad.toml"))
 
 
-def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", SMALL)
     command = f"experiment {file} --out {tmp_path / 'out'}"
     assert lilgym(f"{command} --split test") == USAGE_ERROR
@@ -168,7 +168,7 @@ def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path: Path, caps
         assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
 
 
-def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_experiment__only_executes_the_runs_named(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL)
     assert lilgym(f"experiment {file} --list --only ppo-TowerScratch-1") == 0
     assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
@@ -178,11 +178,9 @@ def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux pins processes to cores")
 @pytest.mark.parametrize(("cores", "jobs", "threads"), [({0}, "", 1), ({0, 1, 2, 3}, "--jobs 2", 2)])
-def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: set[int], jobs: str, threads: int
-):
+def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(tmp_path, monkeypatch, cores, jobs, threads):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: cores)
-    seen: list[int] = []
+    seen = []
     monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
     file = write_file(tmp_path / "a.toml", SMALL)
     assert lilgym(f"experiment {file} {jobs} --out", tmp_path / "out") == 0
@@ -190,7 +188,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 
 
 @pytest.mark.long
-def test_experiment__trains_the_game_and_measures_it(tmp_path: Path):
+def test_experiment__trains_the_game_and_measures_it(tmp_path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     head = f'corpus = "{own}"\nconfigurations = ["TowerScratch"]\n[[learners]]\nlearner = "game"\nsteps = 64\n'
     game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\n'
@@ -208,7 +206,7 @@ class Script(Attempt):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
-def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path):
+def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
     plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
     attempts = [Script(planned, tmp_path, threads=1) for planned in plans]
@@ -220,13 +218,13 @@ def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path: Path)
     assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
 
-def test_execute__killed_process_does_not_stop_other_runs(tmp_path: Path):
+def test_execute__killed_process_does_not_stop_other_runs(tmp_path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
     plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
     make_attempts([], tmp_path, 1)  # makes the directories
     attempts = [Attempt(plans[0], tmp_path, 1), Script(plans[1], tmp_path, 1)]
 
-    def kill() -> None:
+    def kill():
         process = attempts[0]._process
         if process is not None and process.poll() is None:
             process.kill()
@@ -238,7 +236,7 @@ def test_execute__killed_process_does_not_stop_other_runs(tmp_path: Path):
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="PR_SET_PDEATHSIG exists only on Linux")
-def test_experiment__training_ends_when_the_command_is_killed(tmp_path: Path):
+def test_experiment__training_ends_when_the_command_is_killed(tmp_path):
     process = start_experiment(tmp_path, "10_000_000")
     run = child_of(process.pid)
     process.kill()
@@ -278,7 +276,7 @@ def is_alive(pid: int) -> bool:
 
 
 @pytest.mark.long
-def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path: Path):
+def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path):
     process = start_experiment(tmp_path, "640")
     process.send_signal(signal.SIGINT)
     code, output = process.wait(timeout=120), (tmp_path / "output").read_text()
@@ -294,9 +292,7 @@ def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path: Path):
     assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
 
 
-def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, capsys, monkeypatch):
     attempts = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
     (tmp_path / "runs" / "one").mkdir(parents=True)
     (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
@@ -326,14 +322,14 @@ class Terminal(io.StringIO):
         ("{}", r"a\.json: damaged"),
     ],
 )
-def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path, marker: str, message: str):
+def test_attempts__reject_a_run_made_with_other_options(tmp_path, marker, message):
     (tmp_path / "finished").mkdir()
     (tmp_path / "finished" / "a.json").write_text(marker)
     with pytest.raises(CommandError, match=message):
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
 
 
-def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
+def test_attempts__execute_the_commands_that_are_not_done(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]]}))
     plan = [PlannedRun("a", ("mine",), (("fine",),)), PlannedRun("a", ("mine",), (("fine", "test"),))]
@@ -345,7 +341,7 @@ def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
     assert json.loads(again.marker.read_text())["commands"] == [["mine"], ["fine"], ["fine", "test"]]
 
 
-def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path: Path):
+def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path):
     plan = PlannedRun("a", ("train", "nothing"), (), ("steps", 100))
     (attempt,) = make_attempts([plan], tmp_path, 1)
     attempt.run.mkdir()
@@ -356,9 +352,7 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path: Path):
 
 
 @pytest.mark.long
-def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, capsys, monkeypatch):
     place = tmp_path / "results"
     command = f"experiment {FILES / 'smoke.toml'} --out {place} --jobs 2"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

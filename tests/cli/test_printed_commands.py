@@ -30,7 +30,7 @@ TRAININGS = {
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def own(tmp_path, monkeypatch) -> str:
     """The option of a small corpus whose path has blanks."""
     (tmp_path / "a place").mkdir()
     monkeypatch.chdir(tmp_path / "a place")
@@ -45,14 +45,12 @@ def printed(capsys: Captured, before: str) -> str:
 
 
 @pytest.mark.parametrize("learner", TRAININGS)
-def test_train__names_an_evaluation_that_runs(learner: str, own: str, capsys: Captured) -> None:
+def test_train__names_an_evaluation_that_runs(learner, own, capsys):
     assert lilgym(f"train {TRAININGS[learner]} {own} --out 'a run'") == 0
     assert lilgym(printed(capsys, "evaluate it with"), "--out", "results.json") == 0
 
 
-def test_train__when_interrupted_names_the_command_that_resumes(
-    own: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch, capsys):
     record = RunDirectory.record
     with monkeypatch.context() as patched:
         patched.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
@@ -60,7 +58,7 @@ def test_train__when_interrupted_names_the_command_that_resumes(
     assert lilgym(printed(capsys, "resume with")) == 0
 
 
-def test_experiment__names_a_report_that_runs(own: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
+def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
     Path("an experiment.toml").write_text(text)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -25,7 +24,7 @@ def interrupt(progress: object) -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own: str, tmp_path: Path):
+def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own, tmp_path):
     settings, recipe = Settings("TowerScratch", corpus=own), PPORecipe.of("TowerScratch", **PPO)
     with pytest.raises(KeyboardInterrupt):
         train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", on_progress=interrupt)
@@ -37,7 +36,7 @@ def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own: st
 
 
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])
-def test_resume__rejects_a_run_of_another_learner(learner: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_resume__rejects_a_run_of_another_learner(learner, tmp_path, capsys):
     begin_run(tmp_path, {"learner": "other"})
     assert lilgym(f"train {learner} --resume --out", tmp_path) == USAGE_ERROR
     assert f"has learner other, but {learner} was requested" in capsys.readouterr().err

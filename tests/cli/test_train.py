@@ -28,7 +28,7 @@ SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
 
 @pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def _one_thread(monkeypatch) -> None:
     """More threads would slow down parallel tests."""
     import torch
 
@@ -37,7 +37,7 @@ def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def trained_run(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained_run(own, tmp_path_factory) -> Path:
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
     command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
@@ -46,23 +46,23 @@ def trained_run(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(trained_run: Path, tmp_path: Path) -> Path:
+def run(trained_run, tmp_path) -> Path:
     """A copy of the PPO run."""
     return shutil.copytree(trained_run, tmp_path / "run")
 
 
 @pytest.fixture
-def shown(capsys: pytest.CaptureFixture[str]) -> Shown:
+def shown(capsys) -> Shown:
     """Runs a command and returns its standard output."""
 
-    def run(command: str, *more: object) -> str:
+    def run(command, *more):
         assert lilgym(command, *more) == 0
         return capsys.readouterr().out
 
     return run
 
 
-def test_train__options_override_the_recipe(tmp_path: Path, own: str):
+def test_train__options_override_the_recipe(tmp_path, own):
     options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
     assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path) == 0
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
@@ -79,9 +79,7 @@ def test_train__options_override_the_recipe(tmp_path: Path, own: str):
         ("ppo", "above 0 the agent also plays Scratch (default: 0.25 in flipit, 0 in scratch)"),
     ],
 )
-def test_train_help__prints_the_defaults_of_each_appearance_or_start(
-    learner: str, expected: str, capsys: pytest.CaptureFixture[str]
-):
+def test_train_help__prints_the_defaults_of_each_appearance_or_start(learner, expected, capsys):
     with pytest.raises(SystemExit):
         lilgym(f"train {learner} --help")
     output = " ".join(capsys.readouterr().out.split())
@@ -89,8 +87,8 @@ def test_train_help__prints_the_defaults_of_each_appearance_or_start(
     assert "native" not in output, "a grid on which no learner can be trained"
 
 
-def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch):
-    written: list[tuple[str, float, int]] = []
+def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monkeypatch):
+    written = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
@@ -101,9 +99,7 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path: Path, own
     assert losses
 
 
-def test_tensorboard__missing_is_an_error_before_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
     assert lilgym("train ppo TowerScratch --tensorboard --out", tmp_path / "run") == USAGE_ERROR
@@ -112,7 +108,7 @@ def test_tensorboard__missing_is_an_error_before_training(
 
 
 @pytest.mark.long
-def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path: Path):
+def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     """In a terminal, Ctrl-C signals the whole process group."""
     directory = tmp_path / "run"
     command = f"{sys.executable} -m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}"
@@ -147,7 +143,7 @@ def names(output: str) -> list[str]:
     return [line.split("  ")[0] for block in blocks for line in block[2:]]
 
 
-def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_path: Path, run: Path, own: str):
+def test_evaluate__compares_the_agent_with_random_policies(shown, tmp_path, run, own):
     output = shown(f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     ppo = f"ppo ({run})"
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
@@ -162,7 +158,7 @@ def test_evaluate__compares_the_agent_with_random_policies(shown: Shown, tmp_pat
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_parse_and_plan__is_trained_and_explains(shown: Shown, tmp_path: Path, own: str):
+def test_parse_and_plan__is_trained_and_explains(shown, tmp_path, own):
     small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
     output = shown(f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
     assert f"lilgym-mp evaluate {tmp_path} --corpus {own}" in output
@@ -171,7 +167,7 @@ def test_parse_and_plan__is_trained_and_explains(shown: Shown, tmp_path: Path, o
     assert "predicted probability of success:" in output
 
 
-def test_explain__explains_a_task_with_its_outcome(shown: Shown):
+def test_explain__explains_a_task_with_its_outcome(shown):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
     output = shown("explain --task", task.id)
     assert "outcome: " in output
@@ -181,7 +177,7 @@ def test_explain__explains_a_task_with_its_outcome(shown: Shown):
     assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
 
 
-def test_explain__parses_the_statements_of_a_file(shown: Shown, tmp_path: Path):
+def test_explain__parses_the_statements_of_a_file(shown, tmp_path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
     block, blank, zorblax = json.loads(shown("explain --json --file", tmp_path / "own.txt"))
     assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
@@ -192,7 +188,7 @@ def test_explain__parses_the_statements_of_a_file(shown: Shown, tmp_path: Path):
     assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
 
 
-def test_explain__reads_a_csv_file_by_its_header(shown: Shown, tmp_path: Path):
+def test_explain__reads_a_csv_file_by_its_header(shown, tmp_path):
     (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
     found = json.loads(shown("explain --json --file", tmp_path / "own.csv"))
     assert [(each["line"], each["id"], each["statement"]) for each in found] == [
@@ -205,14 +201,14 @@ def test_explain__reads_a_csv_file_by_its_header(shown: Shown, tmp_path: Path):
         list(_sentences(tmp_path / "own.csv"))
 
 
-def test_explain__says_that_nothing_was_understood_without_readings(shown: Shown):
+def test_explain__says_that_nothing_was_understood_without_readings(shown):
     output = shown("explain 'asdf qwerty' --false")
     assert "nothing was understood" in output
     assert "satisfied" not in output
     assert "probability of success" not in output
 
 
-def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: str):
+def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path, own):
     """The included network for Tower samples in FlipIt, as that did better on statements held out of training."""
     from lilgym_mp import load_agent
     from lilgym_mp.evaluation.policies import AS_TRAINED, SAMPLED
@@ -223,7 +219,7 @@ def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 
-def test_evaluate__records_each_action_mode(shown: Shown, tmp_path: Path, run: Path, own: str):
+def test_evaluate__records_each_action_mode(shown, tmp_path, run, own):
     command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
     assert ", sampled " in shown(f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]

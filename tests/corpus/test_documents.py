@@ -21,7 +21,7 @@ OFFICIAL = DOCS / "official_data.md"
 
 
 @pytest.mark.usefixtures("official_data")
-def test_official_page__matches_the_command_output(capsys: pytest.CaptureFixture[str]):
+def test_official_page__matches_the_command_output(capsys):
     assert lilgym("data stats lilgym") == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)
@@ -47,7 +47,7 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("official_data")
-def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
     script = load_script("write_result_tables")
     published = {name: script.read(name) for name in ("returns", "behaviour")}
     monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(script.RESULTS, tmp_path / "results")))
@@ -60,7 +60,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatc
         assert sorted(script.read(name)) == sorted(rows)
 
 
-def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch):
     script = load_script("write_result_tables")
     monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(DOCS / "results", tmp_path / "results")))
     before = script.read("runs")
@@ -131,7 +131,7 @@ def test_hub_dataset__has_every_task_as_flat_rows_and_a_card_that_names_its_file
 
 
 @pytest.mark.long
-def test_croissant__is_valid_and_can_be_read(tmp_path: Path):
+def test_croissant__is_valid_and_can_be_read(tmp_path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
     for name in ("croissant.json", "builtin.jsonl.gz"):
         (tmp_path / name).write_bytes((ROOT / "data" / name).read_bytes())

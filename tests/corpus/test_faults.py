@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lilgym_mp.corpus import CorpusError, NoTasksError, check_corpus, load_tasks
-
-Entries = list[dict[str, Any]]
-Writer = Callable[..., Path]
 
 HEADER = b'{"format": "lilgym_mp-corpus", "version": 1, "name": "own", "licence": "MIT"}\n'
 GOOD_ENTRY = (
@@ -35,7 +29,7 @@ FILE_FAULTS = {
 
 
 @pytest.mark.parametrize("case", FILE_FAULTS)
-def test_file__errors_name_the_file_and_the_fault(case: str, tmp_path: Path):
+def test_file__errors_name_the_file_and_the_fault(case, tmp_path):
     content, message = FILE_FAULTS[case]
     path = tmp_path / "own.jsonl"
     path.write_bytes(content)
@@ -44,18 +38,18 @@ def test_file__errors_name_the_file_and_the_fault(case: str, tmp_path: Path):
     assert not check_corpus(path).ok
 
 
-def test_file__missing_file_error_names_the_choices(tmp_path: Path):
+def test_file__missing_file_error_names_the_choices(tmp_path):
     with pytest.raises(CorpusError, match=r"no corpus .*gone\.jsonl.*choose from \"builtin\""):
         load_tasks(tmp_path / "gone.jsonl", "tower", "scratch", "train")
 
 
-def test_file__an_unreadable_file_is_an_error(tmp_path: Path):
+def test_file__an_unreadable_file_is_an_error(tmp_path):
     (tmp_path / "tower_scratch_train.json").mkdir()
     with pytest.raises(CorpusError, match=r"tower_scratch_train\.json: cannot be read"):
         load_tasks(tmp_path, "tower", "scratch", "train")
 
 
-def test_directory__without_released_files_is_an_error(tmp_path: Path):
+def test_directory__without_released_files_is_an_error(tmp_path):
     with pytest.raises(CorpusError, match=r"lacks tower_scratch_train\.json; it has none of the released files"):
         load_tasks(tmp_path, "tower", "scratch", "train")
     assert "none of the released files" in str(check_corpus(tmp_path))
@@ -97,9 +91,7 @@ ITEM_FAULTS = [  # of that one's first item
         *(("item", *fault) for fault in ITEM_FAULTS),
     ],
 )
-def test_entry__errors_name_the_entry_and_the_fault(
-    place: str, change: dict[str, Any], message: str, entries: Entries, written: Writer
-):
+def test_entry__errors_name_the_entry_and_the_fault(place, change, message, entries, written):
     entry = entries[0]
     start = entry["starts"][0]
     {"entry": entry, "start": start, "item": start["scene"][0][0]}[place].update(change)
@@ -109,7 +101,7 @@ def test_entry__errors_name_the_entry_and_the_fault(
     assert not check_corpus(path).ok
 
 
-def test_scatter_entry__overlapping_items_are_faults(entries: Entries, written: Writer):
+def test_scatter_entry__overlapping_items_are_faults(entries, written):
     circles = entries[2]["starts"][0]["scene"][1]
     circles.append({**circles[0], "x_loc": circles[0]["x_loc"] + 10})
     with pytest.raises(CorpusError, match="start 'round-yes': scene: box 1"):
@@ -120,7 +112,7 @@ def test_scatter_entry__overlapping_items_are_faults(entries: Entries, written: 
     ("text", "message"),
     [("[]", "the file must be a JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
 )
-def test_released_file__errors_name_the_file(text: str, message: str, released: Path):
+def test_released_file__errors_name_the_file(text, message, released):
     (released / "tower_scratch_test.json").write_text(text)
     with pytest.raises(CorpusError, match=rf"tower_scratch_test\.json: {message}"):
         load_tasks(released, "tower", "scratch", "test")
@@ -129,7 +121,7 @@ def test_released_file__errors_name_the_file(text: str, message: str, released: 
     assert sum(count.tasks for count in report.counts) == 3  # the other file's are counted all the same
 
 
-def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
+def test_check__every_fault_is_reported_once(entries, written):
     entries[0]["starts"][1]["label"] = True
     entries[1]["program"] = "count(all_items"
     entries[2]["split"] = "eval"
@@ -141,7 +133,7 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
         assert message in fault
 
 
-def test_check__all_faults_of_an_entry_are_reported_at_once(entries: Entries, written: Writer):
+def test_check__all_faults_of_an_entry_are_reported_at_once(entries, written):
     item = entries[2]["starts"][0]["scene"][1][0]
     entries[2] |= {"statement": " ", "id": 5, "split": "eval", "note": "x"}
     entries[2]["starts"][0]["scene"] = [[], [{**item, "x_loc": 1.5}, {**item, "color": "Red"}], {}]
@@ -170,7 +162,7 @@ def test_check__all_faults_of_an_entry_are_reported_at_once(entries: Entries, wr
         assert message in found, message
 
 
-def test_check__all_faults_of_a_released_entry_are_reported_at_once(released: Path):
+def test_check__all_faults_of_a_released_entry_are_reported_at_once(released):
     path = released / "tower_flipit_test.json"
     content = json.loads(path.read_text())
     content["blue-yes"] |= {"sentence": " ", "lf": "exist(", "label": "maybe", "structured_rep": [[], []]}
@@ -188,13 +180,13 @@ def test_check__all_faults_of_a_released_entry_are_reported_at_once(released: Pa
         assert f"entry {message}" in found
 
 
-def test_check__a_corpus_without_entries_is_a_fault(written: Writer, released: Path):
+def test_check__a_corpus_without_entries_is_a_fault(written, released):
     (released / "tower_scratch_train.json").write_text("{}")
     for path, name in ((written([]), "own.jsonl"), (released, "tower_scratch_train.json")):
         assert f"{name}: has no entries" in str(check_corpus(path))
 
 
-def test_file__other_white_space_whole_floats_and_a_missing_licence_are_read(entries: Entries, written: Writer):
+def test_file__other_white_space_whole_floats_and_a_missing_licence_are_read(entries, written):
     entries[0]["statement"] = "There\u00a0is a\tblue block.\n"
     item = entries[0]["starts"][0]["scene"][0][0]
     item |= {key: float(item[key]) for key in ("x_loc", "y_loc", "size")}
@@ -206,14 +198,12 @@ def test_file__other_white_space_whole_floats_and_a_missing_licence_are_read(ent
     assert all(type(value) is int for item in task.start.items() for value in (item.x, item.y))
 
 
-def test_file__no_tasks_for_a_split_names_those_there_are(entries: Entries, written: Writer):
+def test_file__no_tasks_for_a_split_names_those_there_are(entries, written):
     with pytest.raises(NoTasksError, match=r"'test'; it has flipit tasks of scatter dev, tower train"):
         load_tasks(written(entries), "tower", "flipit", "test")
 
 
-def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(
-    entries: Entries, written: Writer, monkeypatch: pytest.MonkeyPatch
-):
+def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(entries, written, monkeypatch):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
     program = "exist(filter_obj(all_items, lambda {}: {}))"
     nested = "exist(all_items)"
@@ -231,7 +221,7 @@ def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(
     assert "needs more than 1000000 steps on this scene" in fault.what
 
 
-def test_check__counts_the_tasks_of_a_generated_corpus(monkeypatch: pytest.MonkeyPatch):
+def test_check__counts_the_tasks_of_a_generated_corpus(monkeypatch):
     only = [load_tasks("generated:2", "tower", "flipit", "dev")]
     monkeypatch.setattr("lilgym_mp.corpus.checking.load_all_tasks", lambda corpus: only)
     report = check_corpus("generated:2")
@@ -244,7 +234,7 @@ def test_check__an_invalid_generated_corpus_is_an_error():
         check_corpus("generated:9")
 
 
-def test_check__missing_released_files_are_listed_but_not_faults(released: Path):
+def test_check__missing_released_files_are_listed_but_not_faults(released):
     report = check_corpus(released)
     assert report.ok
     assert len(report.absent_files) == 10
@@ -252,6 +242,6 @@ def test_check__missing_released_files_are_listed_but_not_faults(released: Path)
 
 
 @pytest.mark.long
-def test_check__the_official_train_and_dev_data_have_no_faults(official_data: Path):
+def test_check__the_official_train_and_dev_data_have_no_faults(official_data):
     report = check_corpus(official_data)
     assert report.faults == ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,7 @@ from lilgym_mp.corpus.matching import matching_corpus, solvable_matching_corpus
 from tests.corpora import write_own_corpus
 
 
-def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path: Path):
+def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path):
     corpus = write_own_corpus(tmp_path / "own.jsonl")
     lines = [json.loads(line) for line in corpus.read_text().splitlines()]
     without = next(line for line in lines[1:] if (line["appearance"], line["split"]) == ("tower", "train"))

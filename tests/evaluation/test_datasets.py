@@ -7,7 +7,6 @@ import gzip
 import json
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -22,7 +21,6 @@ from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import lilgym
 
-Captured = pytest.CaptureFixture[str]
 Collect = Callable[..., Any]
 PARTS = {
     "image": {"image"},
@@ -33,10 +31,10 @@ PARTS = {
 
 
 @pytest.fixture
-def collect(tmp_path: Path) -> Collect:
+def collect(tmp_path) -> Collect:
     """Writes an npz file with `lilgym-mp data collect` and reads it."""
 
-    def collected(arguments: str) -> Any:
+    def collected(arguments):
         assert lilgym(f"data collect {arguments} --split dev --force --out", tmp_path / "own.npz") == 0
         with np.load(tmp_path / "own.npz") as file:
             return dict(file)
@@ -59,7 +57,7 @@ def environment(configuration: str, form: str) -> gym.Env[Any, Any]:
         ("TowerFlipIt", "expert", "text"),
     ],
 )
-def test_fields__are_what_the_environment_shows(collect: Collect, configuration: str, form: str, quality: str):
+def test_fields__are_what_the_environment_shows(collect, configuration, form, quality):
     found = collect(f"{configuration} --episodes 4 --quality {quality} --observation {form} --returns-to-go")
     env = environment(configuration, form)
     for index, (begin, end) in enumerate(pairwise(found["starts"])):
@@ -92,12 +90,12 @@ def test_fields__are_what_the_environment_shows(collect: Collect, configuration:
         assert np.array_equal(Vocabulary(tuple(about["vocabulary"])).encode(statement, len(ids)), ids)
 
 
-def test_mixed__has_a_third_of_each_quality(collect: Collect):
+def test_mixed__has_a_third_of_each_quality(collect):
     found = collect("TowerScratch --episodes 9 --quality mixed")
     assert found["agent"].tolist() == ["expert"] * 3 + ["imitation-tower"] * 3 + ["random-legal"] * 3
 
 
-def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
+def test_optimal__has_all_first_actions_of_shortest_solutions(collect):
     found = collect("TowerScratch --episodes 5 --optimal-actions")
     taken = found["optimal"][np.arange(len(found["action"])), found["action"]]
     assert taken.all()
@@ -120,14 +118,14 @@ def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
     assert not rollout.steps["truncated"].any()
 
 
-def test_files__of_equal_options_and_seeds_are_equal(tmp_path: Path):
+def test_files__of_equal_options_and_seeds_are_equal(tmp_path):
     first, again = tmp_path / "first.jsonl.gz", tmp_path / "again.jsonl.gz"
     for place in (first, again):
         assert lilgym("data collect ScatterScratch --episodes 7 --seed 3 --out", place) == 0
     assert first.read_bytes() == again.read_bytes()
 
 
-def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: Collect, tmp_path: Path):
+def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, tmp_path):
     command = "TowerFlipIt --episodes 3 --optimal-actions"
     arrays = collect(command)
     assert lilgym(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz") == 0
@@ -139,8 +137,8 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: 
     assert rows[0]["image"][0].startswith("iVBORw0KGgo")  # PNG in base64
 
 
-def test_parquet__holds_the_rows_of_json_lines(tmp_path: Path):
-    parquet: Any = pytest.importorskip("pyarrow.parquet")
+def test_parquet__holds_the_rows_of_json_lines(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
     for name in ("own.parquet", "own.jsonl"):
         assert lilgym("data collect TowerScratch --episodes 4 --observation structured --out", tmp_path / name) == 0
     rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
@@ -150,7 +148,7 @@ def test_parquet__holds_the_rows_of_json_lines(tmp_path: Path):
 # Recordings
 
 
-def test_recordings__become_a_data_set(tmp_path: Path, capsys: Captured):
+def test_recordings__become_a_data_set(tmp_path, capsys):
     out = tmp_path / "own.npz"
     played = "evaluate --policy random-legal --configuration TowerScratch ScatterScratch --record"
     assert lilgym(played, tmp_path / "runs") == 0
@@ -166,7 +164,7 @@ def test_recordings__become_a_data_set(tmp_path: Path, capsys: Captured):
     assert "no finished episodes of TowerFlipIt" in capsys.readouterr().err
 
 
-def test_played_episodes__become_a_data_set(tmp_path: Path):
+def test_played_episodes__become_a_data_set(tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
     fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "task_id": task.id}
@@ -183,7 +181,7 @@ def test_played_episodes__become_a_data_set(tmp_path: Path):
     ("content", "message"),
     [(None, "No such file"), (b"SQLite format 3\0", "no played episodes that can be read"), (b"text", "damaged")],
 )
-def test_sources__that_cannot_be_read_are_named(content: bytes | None, message: str, tmp_path: Path, capsys: Captured):
+def test_sources__that_cannot_be_read_are_named(content, message, tmp_path, capsys):
     source = tmp_path / "source"
     if content is not None:
         source.write_bytes(content)
@@ -218,9 +216,7 @@ def test_rollouts__that_end_differently_are_refused():
         ("--out old.npz", "old.npz exists; --force overwrites it"),
     ],
 )
-def test_collect__names_the_mistake(
-    options: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-):
+def test_collect__names_the_mistake(options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old.npz").write_bytes(b"precious")
     assert lilgym(f"data collect TowerFlipIt {options}") == 2
@@ -228,8 +224,8 @@ def test_collect__names_the_mistake(
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
 
 
-def test_file__does_not_remain_if_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
-    def fail(path: Path, *_: object) -> None:
+def test_file__does_not_remain_if_the_disk_is_full(tmp_path, monkeypatch, capsys):
+    def fail(path, *_):
         path.write_bytes(b"some")
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -240,20 +236,20 @@ def test_file__does_not_remain_if_the_disk_is_full(tmp_path: Path, monkeypatch: 
     assert not list(tmp_path.iterdir())
 
 
-def test_minari__missing_is_an_error_before_any_work(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_minari__missing_is_an_error_before_any_work(monkeypatch, capsys):
     monkeypatch.setattr(datasets, "find_spec", lambda name: None)
     assert lilgym("data collect TowerFlipIt --minari lilgym/own-v0") == 2
     assert 'needs Minari: pip install "minari[hdf5]' in capsys.readouterr().err
 
 
 @pytest.fixture
-def minari(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def minari(tmp_path, monkeypatch) -> Any:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     return pytest.importorskip("minari")
 
 
 @pytest.mark.parametrize("form", PARTS)
-def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, capsys: Captured):
+def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
     command = f"data collect TowerFlipIt --episodes 5 --minari lilgym/own-v0 --observation {form}"
     assert lilgym(command) == 0
     dataset = minari.load_dataset("lilgym/own-v0")
@@ -276,13 +272,13 @@ def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, c
     assert "exists already" in capsys.readouterr().err
 
 
-def test_minari__a_name_without_version_is_refused_before_any_episode(minari: Any, capsys: Captured):
+def test_minari__a_name_without_version_is_refused_before_any_episode(minari, capsys):
     assert lilgym("data collect TowerFlipIt --minari tower-expert") == 2
     assert "'tower-expert' cannot name a Minari data set" in capsys.readouterr().err
 
 
-def test_minari__leaves_no_files_if_writing_fails(minari: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def fail(rollout: object) -> None:
+def test_minari__leaves_no_files_if_writing_fails(minari, tmp_path, monkeypatch):
+    def fail(rollout):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(datasets, "_buffer", fail)

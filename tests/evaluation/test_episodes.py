@@ -52,7 +52,7 @@ class AddsThenStops(Policy):
 SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
 
 
-def test_record__contains_the_episodes_and_their_tasks(tmp_path: Path):
+def test_record__contains_the_episodes_and_their_tasks(tmp_path):
     found = record(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
     seen = training_statements(TOWER.settings)
     episodes = play(built_in_policy("random-legal"), replace(TOWER, seed=7), seen).episodes
@@ -69,7 +69,7 @@ def test_record__contains_the_episodes_and_their_tasks(tmp_path: Path):
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
-def test_scenes__end_in_the_state_that_the_episode_ended_in(rules: str):
+def test_scenes__end_in_the_state_that_the_episode_ended_in(rules):
     settings = Settings("TowerScratch", rules=rules, horizon=2)
     env = settings.make("dev")
     env.reset(seed=0)
@@ -79,14 +79,14 @@ def test_scenes__end_in_the_state_that_the_episode_ended_in(rules: str):
     assert last == env.scene
 
 
-def test_record__contains_actions_and_stop_probabilities(recording: Recording):
+def test_record__contains_actions_and_stop_probabilities(recording):
     episode = recording.episodes[0]
     assert episode.actions == (AddBlock(0, Colour.BLUE), Stop())
     assert episode.stop_probabilities == (0.25, 1.0)
     assert episode.rewards[0] == -0.1
 
 
-def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path: Path):
+def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path):
     found = record(tmp_path, SIMPLE, with_expert=True)
     wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
     assert wrong
@@ -97,7 +97,7 @@ def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path: Pa
     assert not any(episode.edits for episode in record(tmp_path, SIMPLE).episodes)
 
 
-def test_record__equal_evaluations_give_equal_bytes(tmp_path: Path):
+def test_record__equal_evaluations_give_equal_bytes(tmp_path):
     named = built_in_policy("random-type")
     paths = [record(tmp_path / name, named).path for name in ("one", "two")]
     assert paths[0].read_bytes() == paths[1].read_bytes()
@@ -122,7 +122,7 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Recording:
+def recording(tmp_path) -> Recording:
     return record(tmp_path, SIMPLE)
 
 
@@ -148,15 +148,15 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
         (lambda rows: rows[2].update(start=[[], []]), "line 3: a scene has 3 boxes, not 2"),
     ],
 )
-def test_read__errors_name_file_and_line(recording: Recording, change: Any, message: str):
+def test_read__errors_name_file_and_line(recording, change, message):
     rewrite(recording.path, change)
     with pytest.raises(EpisodesError, match=message) as error:
         read_episodes(recording.path)
     assert str(recording.path) in str(error.value)
 
 
-def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_same(recording: Recording):
-    def as_before(rows: list[Any]) -> None:
+def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_same(recording):
+    def as_before(rows):
         for row in rows[1:]:
             tags = [name for name in RULES if name in phenomena(row["program"])]
             rest = {name: row.pop(name) for name in list(row)[list(row).index("tags") :]}
@@ -170,19 +170,19 @@ def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_s
 
 
 @pytest.mark.parametrize("kept", [0, 300])
-def test_read__rejects_a_truncated_file(recording: Recording, kept: int):
+def test_read__rejects_a_truncated_file(recording, kept):
     recording.path.write_bytes(recording.path.read_bytes()[:kept])
     with pytest.raises(EpisodesError, match=r"truncated|damaged|holds no recorded episodes"):
         read_episodes(recording.path)
 
 
-def test_write__rejects_a_header_with_another_episode_count(recording: Recording, tmp_path: Path):
+def test_write__rejects_a_header_with_another_episode_count(recording, tmp_path):
     with pytest.raises(ValueError, match="the header says"):
         write_episodes(tmp_path / "new", recording.header, recording.episodes[1:])
     assert not (tmp_path / "new").exists()
 
 
-def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
+def test_recording_metadata__is_next_to_every_recording(tmp_path):
     command = f"evaluate --policy random-legal expert --configuration TowerScratch --record {tmp_path}"
     assert lilgym(command) == 0
     recordings = list(tmp_path.glob(f"*{SUFFIX}"))
@@ -195,7 +195,7 @@ def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
         assert found["machine"] == recording_metadata.machine()
 
 
-def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path: Path):
+def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path):
     recording = tmp_path / f"a{SUFFIX}"
     assert read_metadata(recording) == {}
     (tmp_path / "a.metadata.json").write_text('{"date":')
@@ -204,7 +204,7 @@ def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path: Pat
 
 
 @pytest.mark.long
-def test_results__random_rows_have_the_published_digest(official_data: Path, tmp_path: Path):
+def test_results__random_rows_have_the_published_digest(official_data, tmp_path):
     command = "evaluate --corpus lilgym --optimal --policy random-legal random-type --passes 5 --record"
     assert lilgym(command, tmp_path, "--configuration", *CONFIGURATIONS) == 0
     digest = load_script("digest_recordings").digest(tmp_path)

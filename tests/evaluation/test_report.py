@@ -63,7 +63,7 @@ def test_results_text__has_a_row_per_policy():
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_results_text__fits_the_terminal_and_splits_no_word(width: int):
+def test_results_text__fits_the_terminal_and_splits_no_word(width):
     other = replace(result(), named=replace(result().named, name="imitation, seed 0"))
     text = results_text([result(), other], width)
     assert max(map(len, text.splitlines())) <= width

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ def last_legal(_: Any, legal: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("num_envs", [7, 1000])
-def test_own_policy__plays_every_task_once_as_evaluate_does(num_envs: int) -> None:
+def test_own_policy__plays_every_task_once_as_evaluate_does(num_envs):
     wrap = lambda envs: flat_observation_v0(structured_observation_v0(envs))  # noqa: E731
     result = evaluate_wrapped(last_legal, SETTINGS, wrap=wrap, num_envs=num_envs, observation="arrays")
     episodes = evaluate(lambda seen, legal, rng: last_legal(seen, legal), SETTINGS, "dev")
@@ -30,7 +29,7 @@ def test_own_policy__plays_every_task_once_as_evaluate_does(num_envs: int) -> No
     assert result.summary.outcomes["horizon"] > 0.5
 
 
-def test_own_policy__is_recorded_as_it_played_inside_its_wrappers(tmp_path: Path) -> None:
+def test_own_policy__is_recorded_as_it_played_inside_its_wrappers(tmp_path):
     forcing = lambda envs: DictInfoToList(stop_forcing_v0(envs, "replace", allow_evaluation=True))  # noqa: E731
     result = evaluate_wrapped(last_legal, SETTINGS, wrap=forcing, name="mine", record=tmp_path)
     (file,) = tmp_path.glob("*.jsonl.gz")
@@ -42,9 +41,7 @@ def test_own_policy__is_recorded_as_it_played_inside_its_wrappers(tmp_path: Path
 
 
 @pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
-def test_evaluate__of_a_model_with_another_policy_names_the_function(
-    algorithm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluate__of_a_model_with_another_policy_names_the_function(algorithm, tmp_path, capsys):
     sb3_contrib = pytest.importorskip("sb3_contrib")
     from stable_baselines3 import PPO
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -31,7 +30,6 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
     """Each decision, the type of the action taken, and the recorded probability of STOP."""
     found: list[tuple[Decision, str, float | None]] = []
     for episode in episodes:
-        assert episode.decisions is not None
         stops = episode.stop_probabilities or (None,) * len(episode.actions)
         for decision, action, stop in zip(episode.decisions, episode.actions, stops, strict=True):
             assert sum(decision.types) == pytest.approx(1, abs=1e-3)
@@ -40,7 +38,7 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
 
 
 @pytest.mark.parametrize("mask", [True, False])
-def test_ppo__records_probabilities_and_the_value(tmp_path: Path, mask: bool):
+def test_ppo__records_probabilities_and_the_value(tmp_path, mask):
     settings = Settings("TowerScratch")
     train_ppo(settings, replace(SMALL, mask=mask), tmp_path, steps=32, device="cpu")
     episodes = played(open_agent(tmp_path, "cpu").policy(settings), settings)
@@ -69,7 +67,7 @@ def test_parse_and_plan__records_the_programs_it_planned_for():
         assert decision.success_probability is not None
 
 
-def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
     command = f"evaluate --policy expert --configuration TowerScratch --record {tmp_path}"
     assert lilgym(f"{command} --record-decisions --judge-decisions") == 0
     (file,) = tmp_path.glob("*.episodes.jsonl.gz")
@@ -89,6 +87,6 @@ def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: 
         ("--judge-decisions", "--judge-decisions needs --record-decisions"),
     ],
 )
-def test_evaluate_command__decisions_need_a_directory(option: str, error: str, capsys: pytest.CaptureFixture[str]):
+def test_evaluate_command__decisions_need_a_directory(option, error, capsys):
     assert lilgym(f"evaluate --policy expert {option}") != 0
     assert error in capsys.readouterr().err

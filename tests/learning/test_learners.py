@@ -37,9 +37,9 @@ class Options(RunOptions):
 
 
 @pytest.fixture(autouse=True)
-def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, Any]]]:
+def guessing(monkeypatch) -> Iterator[list[dict[str, Any]]]:
     """The arguments that its function was given."""
-    given: list[dict[str, Any]] = []
+    given = []
     learner = Learner(
         Guesses,
         Options,
@@ -53,14 +53,14 @@ def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, Any]]]:
     cli.make_parser.cache_clear()
 
 
-def test_new_learner__has_a_train_command(guessing: list[dict[str, Any]], tmp_path: Path) -> None:
+def test_new_learner__has_a_train_command(guessing, tmp_path):
     assert lilgym("train guessing TowerFlipIt --boldness 0.25 --updates 1e1 --out", tmp_path) == 0
     (given,) = guessing
     assert (given["settings"], given["recipe"]) == (EnvConfig("TowerFlipIt"), Guesses(boldness=0.25))
     assert (given["updates"], given["out"], given["threads"]) == (10, tmp_path, 1)
 
 
-def test_new_learner__can_be_part_of_an_experiment(tmp_path: Path) -> None:
+def test_new_learner__can_be_part_of_an_experiment(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text('configurations = ["TowerScratch"]\n[[learners]]\nlearner = "guessing"\nboldness = 0.75\n')
     (run,) = read_plan(path)
@@ -68,7 +68,7 @@ def test_new_learner__can_be_part_of_an_experiment(tmp_path: Path) -> None:
     assert run.budget == ("updates", 9)
 
 
-def test_new_learner__has_agents_that_can_be_opened(tmp_path: Path) -> None:
+def test_new_learner__has_agents_that_can_be_opened(tmp_path):
     save_model(tmp_path / "agent.safetensors", ModelDescription("guessing", 1, ("TowerScratch",), "none", {}, {}), {})
     assert open_agent(tmp_path, "cpu") == "agent of agent.safetensors on cpu"
 
@@ -82,7 +82,7 @@ SHIPPED = [
 
 
 @pytest.mark.parametrize(("name", "configuration"), SHIPPED)
-def test_shipped_agents__solve_most_tasks_from_pixels(name: str, configuration: str) -> None:
+def test_shipped_agents__solve_most_tasks_from_pixels(name, configuration):
     agent, settings = open_agent(Path(name), "cpu"), EnvConfig(configuration)
     assert agent.description.kind in name
     assert configuration in agent.description.configurations
@@ -93,7 +93,7 @@ def test_shipped_agents__solve_most_tasks_from_pixels(name: str, configuration: 
 
 
 @pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower", "ppo-tower", "reward-model-tower"])
-def test_shipped_agents__play_alike_in_another_process(name: str) -> None:
+def test_shipped_agents__play_alike_in_another_process(name):
     settings = EnvConfig("TowerFlipIt")
     policy = open_agent(Path(name), "cpu").policy(settings)
     copy = pickle.loads(pickle.dumps(policy))
@@ -102,7 +102,7 @@ def test_shipped_agents__play_alike_in_another_process(name: str) -> None:
     assert one == other
 
 
-def test_shipped_agents__are_small_and_listed_for_an_unknown_one() -> None:
+def test_shipped_agents__are_small_and_listed_for_an_unknown_one():
     sizes = [path.stat().st_size for path in files("lilgym_mp.data").iterdir() if path.name.startswith("agent-")]
     assert len(sizes) == len(shipped_agents()) == 5
     assert sum(sizes) <= 6_000_000
@@ -111,6 +111,6 @@ def test_shipped_agents__are_small_and_listed_for_an_unknown_one() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in LEARNERS if name != "guessing"])
-def test_learners__have_a_recipe_and_a_budget(name: str) -> None:
+def test_learners__have_a_recipe_and_a_budget(name):
     learner = find_learner(name)
     assert learner.budget(learner.recipe.of("TowerScratch"), learner.options())[1] > 0

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED
-from lilgym_mp.cli.training import _board  # pyright: ignore[reportPrivateUsage]
+from lilgym_mp.cli.training import _board
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
 from tests.command_line import lilgym
@@ -32,7 +32,7 @@ def full_disk() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_disk: None):
+def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path, full_disk):
     run = begin_run(tmp_path, {})
     run.save_checkpoint({"step": 1})
     with pytest.raises(OSError, match="File too large") as error:
@@ -43,7 +43,7 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_d
     assert sorted(os.listdir(tmp_path)) == [CHECKPOINT_FILE, "run.json"]
 
 
-def test_training__on_a_full_disk_prints_one_line(tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]):
+def test_training__on_a_full_disk_prints_one_line(tmp_path, full_disk, capsys):
     out = tmp_path / "run"
     small = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
     assert lilgym(f"train ppo TowerScratch --no-recolour --steps 1 {small} --out", out) == FAILED
@@ -60,7 +60,7 @@ class _Trap:
 
 @pytest.mark.parametrize("protocol", [0, pickle.HIGHEST_PROTOCOL])
 @pytest.mark.parametrize("by_torch", [False, True])
-def test_checkpoint__pickled_objects_are_never_built(by_torch: bool, protocol: int, tmp_path: Path):
+def test_checkpoint__pickled_objects_are_never_built(by_torch, protocol, tmp_path):
     run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
     path = run.path / CHECKPOINT_FILE
     if by_torch:
@@ -72,7 +72,7 @@ def test_checkpoint__pickled_objects_are_never_built(by_torch: bool, protocol: i
     assert not opened.exists()
 
 
-def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
+def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path):
     run, rng = begin_run(tmp_path, {}), random.Random(0)
     run.save_checkpoint({"weights": {"a": torch.zeros(3)}, "step": 3, "text": "abc", "numbers": [1, 2.5]})
     path = run.path / CHECKPOINT_FILE
@@ -87,7 +87,7 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
     assert loaded < 120
 
 
-def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
+def test_run__is_trained_by_one_process_at_a_time(tmp_path):
     begin_run(tmp_path, {})
     first, second = begin_run(tmp_path, {}, resume=True), begin_run(tmp_path, {}, resume=True)
     with first.locked():
@@ -99,7 +99,7 @@ def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
     assert not (tmp_path / LOCK_FILE).exists()
 
 
-def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
+def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
     begin_run(tmp_path, {})
     child = os.fork()
     if child == 0:
@@ -112,7 +112,7 @@ def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
 
 
 @pytest.mark.parametrize("first", [[signal.SIGINT], [signal.SIGTERM] * 3])
-def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: list[signal.Signals]):
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first):
     with stop_on_signals() as stop:
         for one in first:
             signal.raise_signal(one)
@@ -128,9 +128,9 @@ def test_stop__restores_the_previous_handlers():
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path: Path):
+def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path):
     (tmp_path / "progress.jsonl").write_text('{"steps": 32}\n{"steps": 64}\n')  # the second is being reported
-    opened: list[int | None] = []
+    opened = []
     for unit in ("steps", None):
         _board(lambda path, purge_step: opened.append(purge_step), tmp_path, unit)
     assert opened == [33, None]

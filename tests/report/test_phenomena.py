@@ -149,7 +149,7 @@ def found(phenomenon: str, text: str) -> bool:
 
 
 @pytest.mark.parametrize("phenomenon", [*RULES, *SYNTAX_RULES])
-def test_rule__holds_for_its_examples_alone(phenomenon: str):
+def test_rule__holds_for_its_examples_alone(phenomenon):
     holds, fails = ({**programs, **statements}.get(phenomenon, []) for programs, statements in TABLES)
     assert holds
     assert [text for text in holds if not found(phenomenon, text)] == []
@@ -157,7 +157,7 @@ def test_rule__holds_for_its_examples_alone(phenomenon: str):
 
 
 @given(st.text())
-def test_syntax_rules__accept_any_text(statement: str):
+def test_syntax_rules__accept_any_text(statement):
     assert syntactic_phenomena(statement) <= set(SYNTAX_RULES)
 
 
@@ -175,7 +175,7 @@ def test_rules__descriptions_are_documented():
 
 
 @pytest.mark.parametrize("word", ["unique", "exist", "min", "all_same", "contained"])
-def test_rules__accept_words_used_as_functions(word: str):
+def test_rules__accept_words_used_as_functions(word):
     assert isinstance(phenomena(f"Any(all_boxes, {word})"), frozenset)
 
 
@@ -185,7 +185,7 @@ def test_phenomena__an_invalid_program_is_an_error():
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_phenomena__every_builtin_statement_shows_some(appearance: str):
+def test_phenomena__every_builtin_statement_shows_some(appearance):
     tasks = load_tasks("builtin", appearance, "scratch", "train")
     assert [task.id for task in tasks if not phenomena(task.program)] == []
 

@@ -19,7 +19,7 @@ BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
 @pytest.fixture
-def corpus(tmp_path: Path) -> Path:
+def corpus(tmp_path) -> Path:
     statements = ["There is a blue block.", "A block is blue.", "Some block is blue."]
     entries = [entry(f"t{number}", "tower", "dev", statement, BLUE) for number, statement in enumerate(statements)]
     write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", entries)
@@ -27,7 +27,7 @@ def corpus(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def run(corpus: Path, tmp_path: Path) -> Path:
+def run(corpus, tmp_path) -> Path:
     """A run of a text agent whose last episode ended with an answer without an action."""
     assert lilgym(f"llm play TowerScratch --agent expert --corpus {corpus} --out", tmp_path / "run") == 0
     path = tmp_path / "run" / "transcripts.jsonl"
@@ -37,7 +37,7 @@ def run(corpus: Path, tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def test_report__has_a_language_model_and_people_beside_policies(run: Path, corpus: Path, tmp_path: Path):
+def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --record"
     assert lilgym(command, tmp_path / "recorded") == 0
@@ -50,14 +50,13 @@ def test_report__has_a_language_model_and_people_beside_policies(run: Path, corp
     data = load_report_data([tmp_path / "recorded", run, tmp_path / "web.sqlite3"])
     assert (len(data.agents), "people" in data.agents) == (3, True)
     people = data.find("people", "TowerScratch")
-    assert people is not None
     assert [[one.outcome for one in each.episodes] for each in people.runs] == [["success"], ["wrong_stop"]]
     made = {item.title: item for items in chapters(data).values() for item in items}
     assert "Task-completion accuracy (%)" in made
     assert "Differences in accuracy between agents" in made
 
 
-def test_conversations__keep_the_outcome_of_answers_without_an_action(run: Path):
+def test_conversations__keep_the_outcome_of_answers_without_an_action(run):
     recording = conversations(run)
     assert [episode.outcome for episode in recording.episodes] == ["success", "success", "not_understood"]
     assert (recording.episodes[2].actions, recording.episodes[2].reward) == ((), -1.0)
@@ -72,7 +71,7 @@ def test_conversations__keep_the_outcome_of_answers_without_an_action(run: Path)
         ("transcripts.jsonl", "", "has no episodes yet"),
     ],
 )
-def test_conversations__of_damaged_files_are_refused(run: Path, file: str, content: str, message: str):
+def test_conversations__of_damaged_files_are_refused(run, file, content, message):
     (run / file).write_text(content)
     with pytest.raises(EpisodesError) as caught:
         conversations(run)
@@ -80,9 +79,7 @@ def test_conversations__of_damaged_files_are_refused(run: Path, file: str, conte
     assert "object has no attribute" not in str(caught.value)
 
 
-def test_episodes__of_an_edited_corpus_are_refused(
-    run: Path, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_episodes__of_an_edited_corpus_are_refused(run, corpus, tmp_path, capsys):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     row = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch", "player": "", "task_id": "t0"}
     row |= {"actions": [3, 0], "outcome": "success", "statement": "There is a blue block."}
@@ -97,7 +94,7 @@ def test_episodes__of_an_edited_corpus_are_refused(
         load_report_data([tmp_path / "web.sqlite3"])
 
 
-def test_database__of_an_earlier_version_gets_the_statements_column(tmp_path: Path):
+def test_database__of_an_earlier_version_gets_the_statements_column(tmp_path):
     import sqlite3
 
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -48,7 +48,7 @@ from tests.report.recordings import (
 )
 
 
-def test_report__has_the_recorded_numbers_and_charts(example: Path):
+def test_report__has_the_recorded_numbers_and_charts(example):
     assert report_text(example) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
 
 
@@ -58,7 +58,6 @@ def plain(cell: Any) -> Any:
 
 
 def rows(table: Any) -> list[tuple[Any, ...]]:
-    assert isinstance(table, Table)
     return [tuple(map(plain, row)) for row in table.rows]
 
 
@@ -88,11 +87,10 @@ def recordings(directory: Path, *of_runs: Sequence[Episode]) -> tuple[Recording,
 
 def interval(of: Sequence[Recording]) -> tuple[float | None, float | None]:
     found = accuracy_where(of)
-    assert found is not None
     return found.low, found.high
 
 
-def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
+def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path):
     alike = interval(recordings(tmp_path / "alike", accuracies(*[[1], [0]] * 50)))
     assert alike == pytest.approx((40, 60), abs=1.5)  # 50 +- 1.96 * 50 / sqrt(100)
     all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
@@ -101,14 +99,13 @@ def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_pa
     assert accuracy_where(all_or_nothing, lambda episode: episode.target) is None
 
 
-def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
-    def successes(count: int, of: int) -> tuple[Recording, ...]:
+def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path):
+    def successes(count, of):
         outcomes = [[1]] * count + [[0]] * (of - count)
         return recordings(tmp_path / f"{count} of {of}", accuracies(*outcomes))
 
     first, better = successes(60, 100), successes(70, 100)
     difference = paired_difference(better, first)
-    assert difference is not None
     assert difference[:3] == pytest.approx((10, 4.5, 16), abs=1.5)
     assert difference.p_value == pytest.approx(0.001, abs=0.001)  # z = 10 / 3
     assert paired_difference(first, first) == (0, 0, 0, 1)
@@ -120,19 +117,18 @@ def test_holm__corrects_p_values_for_their_number():
     assert holm([]) == []
 
 
-def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path):
+def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path):
     for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
         written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
     data = load_report_data([tmp_path])
     (table,) = paired_tests(data)
     difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
-    assert difference is not None
     three_times = f"{3 * difference.p_value:.4f}"
     assert [row[-1] for row in rows(table)] == ["1.0000", three_times, three_times]
     assert "corrected for the 3 tests" in table.note
 
 
-def test_chapters__missing_items_say_why(tmp_path: Path):
+def test_chapters__missing_items_say_why(tmp_path):
     written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
     items = [item for items in chapters(load_report_data([tmp_path])).values() for item in items]
     missing = {item.item: item.note for item in items if type(item) is Item}
@@ -146,21 +142,21 @@ def digests(directory: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def example(tmp_path_factory) -> Path:
     """The directory of the example; read-only."""
     place = tmp_path_factory.mktemp("example")
     write_example(place)
     return place
 
 
-def test_summary__is_three_sentences_on_the_best_trained_agent(example: Path):
+def test_summary__is_three_sentences_on_the_best_trained_agent(example):
     first, second, third = summary(load_report_data([example]))
     assert re.fullmatch(r"\S.* solves .* on dev\.", first)
     assert second.startswith(("The second of", "No other"))
     assert re.search(r"fails [\d,]+ times, \d+ % of them by: .*\.", third)
 
 
-def test_table_2__has_rows_of_games_and_language_models(example: Path):
+def test_table_2__has_rows_of_games_and_language_models(example):
     data = load_report_data([example])
     place = data.entries[0].configuration, data.entries[0].split
     row = PlayedElsewhere("proposer and verifier", "rewards", "greedy", 3, {place: certain(50.0)})
@@ -169,7 +165,7 @@ def test_table_2__has_rows_of_games_and_language_models(example: Path):
     assert any(cell.startswith("50") for cell in shown)
 
 
-def test_failures__link_to_play_and_watch(example: Path):
+def test_failures__link_to_play_and_watch(example):
     links = dict(next(failures(load_report_data([example]))).links)
     assert any(text.startswith("Play") and "/play?configuration=" in link for text, link in links.items())
     assert any(text.startswith("Watch") and "/watch?text=" in link for text, link in links.items())
@@ -179,7 +175,7 @@ def test_latex__has_minus_signs():
     assert "$-$1.50" in Table("Figure 3", "Mean reward", ("agent", "reward"), (("mine", -1.5),)).latex()
 
 
-def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
+def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
     before = digests(tmp_path)
@@ -198,13 +194,13 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def undrawn(monkeypatch) -> None:
     """Leaves pictures empty, as drawing is slow."""
     monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
+def test_report__escapes_statements_and_shows_no_markup(tmp_path):
     written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
     page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
     assert "<b>mine" not in page
@@ -222,9 +218,7 @@ def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
         ({"training_seed": None}, "training_seed is missing"),
     ],
 )
-def test_report__incomparable_recordings_are_refused_naming_file_and_key(
-    tmp_path: Path, change: dict[str, Any], said: str
-):
+def test_report__incomparable_recordings_are_refused_naming_file_and_key(tmp_path, change, said):
     written(tmp_path / "kept" / "a")
     other = written(tmp_path / "kept" / "b", **change)
     with pytest.raises(ReportError, match=said) as fault:
@@ -246,16 +240,14 @@ def cut(path: Path) -> None:
         (lambda place: place.write_text("hello"), "damaged, or not a file of recorded episodes"),
     ],
 )
-def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], said: str
-):
+def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(tmp_path, capsys, prepare, said):
     prepare(tmp_path / "kept")
     assert lilgym(f"report {tmp_path / 'kept'} --out", tmp_path / "out") == USAGE_ERROR
     assert said in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir() if path.name != "kept"] == []
 
 
-def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path: Path):
+def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path):
     written(tmp_path / "kept")
     with pytest.raises(OutputError, match=r"out\.html: .* name a directory"):
         make_report([tmp_path / "kept"], tmp_path / "out.html")
@@ -266,7 +258,7 @@ def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["notes.md"]
 
 
-def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path: Path):
+def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path):
     written(tmp_path)
     recipes = [("ScatterScratch", "ours"), ("ScatterScratch", "other"), ("TowerScratch", "ours")]
     for seed, (configuration, model) in enumerate(recipes):
@@ -349,7 +341,7 @@ def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     assert [row[1] for row in mixed.texts()] == ["67 ± 1 [60, 70]"] * 2  # a column has one number of decimals
 
 
-def test_report__damaged_evaluations_are_named(tmp_path: Path):
+def test_report__damaged_evaluations_are_named(tmp_path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
     (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
@@ -357,7 +349,7 @@ def test_report__damaged_evaluations_are_named(tmp_path: Path):
         load_report_data([tmp_path])
 
 
-def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Path):
+def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path):
     written(tmp_path / "a", recipe={"width": 64, "seed": 0})
     written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
     written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
@@ -368,13 +360,13 @@ def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Pa
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_report__configurations_may_be_played_on_different_splits(tmp_path: Path):
+def test_report__configurations_may_be_played_on_different_splits(tmp_path):
     written(tmp_path / "kept")
     written(tmp_path / "kept", settings=replace(SCATTER, configuration="ScatterScratch"), split="test")
     assert make_report([tmp_path / "kept"], tmp_path / "report").is_file()
 
 
-def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path: Path):
+def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None), (0.6, None, None)])
     file = tmp_path / "a" / "evaluations.jsonl"
@@ -383,14 +375,13 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path: Path)
     assert (first["steps"], first["accuracy"], second["steps"], second["accuracy"]) == (0, 0.5, 32, 0.7)
 
 
-def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
     assert lilgym(f"{command} --record {kept} --out", results) == 0
     found = load_report_data([kept])
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
-        assert entry is not None
         assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
         reward = mean_where(entry.runs, lambda episode: episode.reward)
         assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)

@@ -25,7 +25,7 @@ def rows_of(prompts: Path, options: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
     command = f"--kind {kind} --level 2 --episodes 4"
     assert [set(row) & {"prompt", "answer"} for row in rows_of(prompts, command)] == [{"prompt"}] * 4
@@ -42,14 +42,14 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
     assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)
 
 
-def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: Path):
+def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path):
     prompts, scores = tmp_path / "prompts.jsonl", tmp_path / "scores.json"
     first, second = rows_of(prompts, "--kind truth --episodes 2 --expert-answers")
     right = {"id": first["id"], "reply": first["answer"]}
     samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
     others = [{"id": second["id"], "reply": f"maybe {n}"} for n in range(4)]
 
-    def summary(*lines: object) -> Any:
+    def summary(*lines):
         answers = written(tmp_path / "replies.jsonl", *lines)
         assert lilgym(f"llm score {prompts} --answers {answers} --force --out", scores) == 0
         return json.loads(scores.read_text())
@@ -62,7 +62,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
     assert found["reasons"] == {"no line is true or false": 7}
 
 
-def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
+def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path):
     (row,) = rows_of(tmp_path / "prompts.jsonl", "--kind truth --episodes 1 --scene image")
     ((shown, text),) = [message["content"] for message in row["messages"]]
     assert shown == image_part(picture(Row.from_json(row).task.start))
@@ -70,7 +70,7 @@ def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
     assert "blue" not in text["text"].replace(row["task"]["statement"], "")
 
 
-def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_score__thoughts_are_a_list_that_can_be_set(tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
     (row,) = rows_of(prompts, "--kind truth --episodes 1 --expert-answers")
     wrong = {"true": "false", "false": "true"}[row["answer"]]
@@ -82,9 +82,7 @@ def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pyte
     assert "success   100.0%" in capsys.readouterr().out
 
 
-def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
     first, second = rows_of(prompts, "--kind truth --episodes 2 --expert-answers")
     nan = {"id": first["id"], "reply": float("nan")}
@@ -94,7 +92,7 @@ def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(
     assert "outcomes  cut 1, not_understood 1" in capsys.readouterr().out
 
 
-def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_score__bad_input_is_one_line(tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
     row, _ = rows_of(prompts, "--kind truth --episodes 2")
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})

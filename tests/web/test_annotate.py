@@ -47,7 +47,7 @@ def submit(browser: Browser, program: str, **more: Any) -> Any:
     return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=QUERY)
 
 
-def test_procedure__from_the_statement_to_json_lines(browser: Browser):
+def test_procedure__from_the_statement_to_json_lines(browser):
     (entry,) = [each for each in browser.get(f"{API}/statements").json() if each["id"] == STATEMENT_ID]
     body = browser.get(f"{API}/statement", params=QUERY).json()
     tasks = scenes_of()
@@ -69,7 +69,7 @@ def test_procedure__from_the_statement_to_json_lines(browser: Browser):
     assert line["statement_id"] == STATEMENT_ID
 
 
-def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser: Browser):
+def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser):
     shown = browser.get(f"{API}/statement", params=QUERY).json()["shown"]
     answer = submit(browser, overfitted(len(shown)))
     assert (answer.status_code, answer.json()["accepted"]) == (201, False)
@@ -79,14 +79,14 @@ def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser
     assert line["accepted"] is False
 
 
-def test_submission__that_disagrees_with_a_shown_scene_is_refused_and_not_saved(browser: Browser):
+def test_submission__that_disagrees_with_a_shown_scene_is_refused_and_not_saved(browser):
     answer = submit(browser, f"NOT({scenes_of()[0].program})")
     assert answer.status_code == 409
     assert "does not agree with the shown scenes" in answer.json()["message"]
     assert browser.get(f"{API}/annotations").text == ""
 
 
-def test_submission__that_fails_on_the_empty_scene_is_refused(browser: Browser):
+def test_submission__that_fails_on_the_empty_scene_is_refused(browser):
     program = f"(count(all_items) > 0 or is_blue(unique(all_items))) and {scenes_of()[0].program}"
     answer = submit(browser, program)
     assert answer.status_code == 409
@@ -96,20 +96,20 @@ def test_submission__that_fails_on_the_empty_scene_is_refused(browser: Browser):
 @pytest.mark.parametrize(
     "given", [{"program": "   "}, {"program": "exist("}, {"program": "x" * 9_000}, {"name": "  "}, {"name": "x" * 81}]
 )
-def test_submission__without_a_name_or_a_program_is_refused(browser: Browser, given: dict[str, str]):
+def test_submission__without_a_name_or_a_program_is_refused(browser, given):
     answer = submit(browser, **{"program": scenes_of()[0].program, **given})
     assert answer.status_code == 422
     assert answer.json()["message"]
 
 
-def test_run__of_an_invalid_program_is_refused(browser: Browser):
+def test_run__of_an_invalid_program_is_refused(browser):
     assert browser.post(f"{API}/run", {"program": "exist("}, params=QUERY).status_code == 422
 
 
 @pytest.mark.parametrize(
     ("program", "fault"), [("is_blue(all_items)", "must be an item"), (ATTACKS["sorting seven boxes"], "")]
 )
-def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser: Browser, program: str, fault: str):
+def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser, program, fault):
     for value in browser.post(f"{API}/run", {"program": program}, params=QUERY).json():
         assert value["truth"] is None
         assert value["fault"]
@@ -125,7 +125,7 @@ def test_vocabulary__has_every_word_with_signature_and_documentation():
 
 
 @pytest.mark.parametrize("program", [BLUE, "exist(all_itmes)", "exist((", "a ; b", "lambda: 1", ""])
-def test_check__reports_the_parsers_error(browser: Browser, program: str):
+def test_check__reports_the_parsers_error(browser, program):
     body = browser.post(f"{API}/check", {"program": program}).json()
     if body["ok"]:
         parse(program)
@@ -135,7 +135,7 @@ def test_check__reports_the_parsers_error(browser: Browser, program: str):
     assert (body["offset"], body["message"]) == (fault.value.offset, fault.value.reason)
 
 
-def test_annotation__posted_twice_is_one_row(browser: Browser):
+def test_annotation__posted_twice_is_one_row(browser):
     program = scenes_of()[0].program
     answers = [submit(browser, program, name=name) for name in ("Ada", "Ada", "Bea")]
     assert {answer.status_code for answer in answers} == {201}

@@ -37,7 +37,7 @@ def record(
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory) -> Path:
     """Recordings of two policies on the same tasks, of another configuration, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 10))
@@ -49,7 +49,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def browser(tmp_path: Path, runs: Path) -> Iterator[Browser]:
+def browser(tmp_path, runs) -> Iterator[Browser]:
     with server(tmp_path, runs=runs) as app:
         yield Browser(app)
 
@@ -65,7 +65,7 @@ def episode(browser: Browser, name: str, index: int = 0) -> dict[str, Any]:
     return browser.get(f"{API}/{found(browser, name)['id']}/episodes/{index}").json()
 
 
-def test_recordings__are_listed_with_their_headers(browser: Browser):
+def test_recordings__are_listed_with_their_headers(browser):
     lines = browser.get(API).json()["recordings"]
     assert [(line["name"].split("/")[0], line["configuration"]) for line in lines] == [
         ("old", "TowerScratch"),
@@ -75,7 +75,7 @@ def test_recordings__are_listed_with_their_headers(browser: Browser):
     ]
 
 
-def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, runs: Path):
+def test_request__a_shipped_agent_plays_and_is_listed_first(browser, runs):
     pytest.importorskip("torch")
     before = sorted(runs.rglob("*"))
     answer = browser.post(API, {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"})
@@ -87,7 +87,7 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, ru
     assert sorted(runs.rglob("*")) == before
 
 
-def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path: Path):
+def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path):
     pytest.importorskip("torch")
     recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")
     recorded.rename(recorded.with_name(f"imitation-TowerFlipIt-dev-0{SUFFIX}"))
@@ -97,7 +97,7 @@ def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path: 
         assert len(browser.get(API).json()["recordings"]) == 2
 
 
-def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):
+def test_agents__of_replaced_files_are_loaded_again(tmp_path):
     pytest.importorskip("torch")
     runs, file = Runs(tmp_path), tmp_path / "mine" / AGENT_FILE
     file.parent.mkdir()
@@ -116,15 +116,13 @@ def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):
         ("agent:imitation-tower", "Towers", 422, "configuration"),
     ],
 )
-def test_request__that_cannot_be_played_says_why(
-    browser: Browser, agent: str, configuration: str, status: int, reason: str
-):
+def test_request__that_cannot_be_played_says_why(browser, agent, configuration, status, reason):
     pytest.importorskip("torch")
     answer = browser.post(API, {"agent": agent, "configuration": configuration})
     assert (answer.status_code, reason in answer.json()["message"]) == (status, True), answer.text
 
 
-def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browser, runs: Path):
+def test_recording__has_outcome_counts_and_comparable_recordings(browser, runs):
     body = found(browser, "tower/random-legal")
     recorded = read_episodes(next((runs / "tower").glob("random-legal*.gz")))
     assert body["successes"] == sum(episode.is_success for episode in recorded.episodes)
@@ -135,11 +133,11 @@ def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browse
     ]
 
 
-def test_recording__without_decisions_says_so(browser: Browser):
+def test_recording__without_decisions_says_so(browser):
     assert all(step["decision"] is None for step in episode(browser, "old/")["steps"])
 
 
-def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Browser):
+def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser):
     for index in range(5):
         *steps, end = episode(browser, "expert", index)["steps"]
         assert (end["action"], end["decision"]) == (None, None)
@@ -150,7 +148,7 @@ def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Bro
             assert decision["likeliest"] == [[step["action"], 1.0]]
 
 
-def test_episode__counts_legal_actions_by_the_exact_mask(browser: Browser, runs: Path):
+def test_episode__counts_legal_actions_by_the_exact_mask(browser, runs):
     recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
     decision = episode(browser, "scatter/")["steps"][0]["decision"]
     env = Settings("ScatterFlipIt").make("dev")
@@ -159,7 +157,7 @@ def test_episode__counts_legal_actions_by_the_exact_mask(browser: Browser, runs:
     assert {cell for cell, _ in decision["add_cells"]} <= set(range(19 * 5))
 
 
-def test_episode__tower_cells_are_its_boxes(browser: Browser):
+def test_episode__tower_cells_are_its_boxes(browser):
     shown = episode(browser, "tower/random-legal")
     assert shown["grid"] == [3, 1]
     assert {cell for cell, _ in shown["steps"][0]["decision"]["add_cells"]} <= {0, 1, 2}
@@ -174,13 +172,13 @@ def test_episode__tower_cells_are_its_boxes(browser: Browser):
         (f"{API}/%2e%2e", 422),
     ],
 )
-def test_recording__only_listed_ids_are_found(browser: Browser, path: str, status: int):
+def test_recording__only_listed_ids_are_found(browser, path, status):
     response = browser.get(path)
     assert response.status_code == status, response.text
     assert "root:" not in response.text
 
 
-def test_episode__beyond_the_last_is_not_found(browser: Browser):
+def test_episode__beyond_the_last_is_not_found(browser):
     response = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
     assert response.status_code == 404
     assert "this recording has episodes 0 to" in response.json()["message"]
@@ -202,9 +200,7 @@ def damaged(runs: Path, target: Path, how: str) -> None:
     ("how", "said"),
     [("text", "damaged"), ("cut", "truncated"), ("horizon", "horizon")],
 )
-def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
-    tmp_path: Path, runs: Path, how: str, said: str, caplog: pytest.LogCaptureFixture
-):
+def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(tmp_path, runs, how, said, caplog):
     place = tmp_path / "runs"
     damaged(runs, place / f"bad{SUFFIX}", how)
     shutil.copytree(runs / "tower", place / "tower")
@@ -224,7 +220,7 @@ def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
         assert str(tmp_path) not in opened.json()["message"]
 
 
-def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
+def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
     place = tmp_path / "runs"
     path = record(place, "expert", "TowerScratch", decisions=False)
     recording = read_episodes(path)
@@ -235,7 +231,7 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
         assert found(browser, "expert")["episodes"] == 3
 
 
-def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path: Path):
+def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path):
     pytest.importorskip("torch")
     with server(tmp_path) as app:
         page = Browser(app).get("/watch").text

@@ -29,8 +29,8 @@ from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
-from lilgym_mp.learning.game.training import GameProgress, GameRun, train_game
+from lilgym_mp.learning.game.rollout import RolloutPlayer
+from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
@@ -51,28 +51,22 @@ def trained(
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
 
 
-def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
-    found = agent.partner(role, sampled=sampled)
-    assert found is not None
-    return found
-
-
 # Learning
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("algorithm", "verifier"), [("independent", "ppo"), ("shared", "both")])
-def test_train__both_agents_solve_three_statements(tmp_path: Path, three: str, algorithm: str, verifier: str):
+def test_train__both_agents_solve_three_statements(tmp_path, three, algorithm, verifier):
     recipe = replace(LEARNING, algorithm=algorithm, verifier=verifier, epochs=2)
     settings = GameSettings(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
     agent = trained(tmp_path, 12_288, recipe, settings)
-    players = partner(agent, Role.PROPOSER, sampled=True), partner(agent, Role.VERIFIER, sampled=True)
+    players = agent.partner(Role.PROPOSER, sampled=True), agent.partner(Role.VERIFIER, sampled=True)
     assert measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate > 0.85
 
 
 @pytest.mark.long
-def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str):
+def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path, three):
     recipe = replace(LEARNING, verifier="cross-entropy")
     settings = GameSettings(protocol="audit", rewards="correctness", corpus=three)
     proposers = [SCRIPTED["helpful"], SCRIPTED["deceptive"]]
@@ -80,7 +74,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
     assert agent.partner(Role.PROPOSER) is None
     env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
     helpful, deceptive = (
-        measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
+        measure(env, SCRIPTED[proposer], agent.partner(Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
         for proposer in ("helpful", "deceptive")
     )
     assert helpful.true_accept_rate > 0.8
@@ -99,17 +93,14 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
     ],
 )
-def test_train__every_protocol_gives_agents_that_play(
-    tmp_path: Path, own: str, verifier: str, protocol: str, rewards: str, changes: dict[str, Any]
-):
+def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, protocol, rewards, changes):
     changes = {"configuration": "TowerFlipIt", **changes}
     settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
-    assert isinstance(agent, GameAgent)
     env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, split="dev", **changes)
-    players = partner(agent, Role.PROPOSER), partner(agent, Role.VERIFIER)
+    players = agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER)
     batched = measure(env, *players)
     single = measure(env, *(lambda turn, one=one: one(turn) for one in players))
     assert batched == single
@@ -120,10 +111,8 @@ def test_train__every_protocol_gives_agents_that_play(
 
 
 @pytest.mark.parametrize("protocol", ["joint", "critique"])
-def test_claims__are_of_the_scene_that_was_judged(
-    tmp_path: Path, own: str, protocol: str, monkeypatch: pytest.MonkeyPatch
-):
-    found: list[Rollout] = []
+def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monkeypatch):
+    found = []
     play = RolloutPlayer.play
     monkeypatch.setattr(RolloutPlayer, "play", lambda self, *args: found.append(play(self, *args)) or found[-1])
     settings = GameSettings(corpus=own, protocol=protocol)
@@ -138,8 +127,8 @@ def test_claims__are_of_the_scene_that_was_judged(
 # Runs on disk
 
 
-def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path):
-    heard: list[GameProgress] = []
+def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
+    heard = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=heard.append)
     assert [progress.steps for progress in heard] == [64, 128] * 3
@@ -149,10 +138,10 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
     assert not equal(tmp_path / "a", tmp_path / "c")
 
 
-def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
+def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
     trained(tmp_path / "whole", 256, INDEPENDENT)
 
-    def interrupt(progress: GameProgress) -> None:
+    def interrupt(progress):
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -167,7 +156,7 @@ def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
 # Partners and warm starts
 
 
-def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path: Path):
+def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path):
     trained(tmp_path / "both")
     before = weights(tmp_path / "both")
     alone = trained(tmp_path / "alone", proposers=[tmp_path / "both"], start_from=tmp_path / "both")
@@ -187,7 +176,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
         trained(tmp_path / "fifth", proposers=[tmp_path / "both"], verifiers=[tmp_path / "both"])
 
 
-def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
+def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
     wide = replace(SMALL, width=112)
@@ -201,7 +190,7 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
 # Invalid input
 
 
-def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
+def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path):
     trained(tmp_path / "run")
     with pytest.raises(TrainingRunError, match="has protocol joint, but veto was requested"):
         resumed(tmp_path / "run", "game", LEARNER, {"protocol": "veto"}, {}, {})
@@ -218,7 +207,7 @@ def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
 SMALL_RUN = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --no-recolour --steps 64"
 
 
-def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys):
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
     audit = f"train game TowerScratch --protocol audit --rewards '{rewards}' --seed 3 {SMALL_RUN} --out"
     assert lilgym(audit, tmp_path / "audit") == 0
@@ -239,9 +228,7 @@ def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path: Path, 
         ("--proposers nowhere", "no trained agent at"),
     ],
 )
-def test_command__wrong_options_are_reported(
-    wrong: str, error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_command__wrong_options_are_reported(wrong, error, tmp_path, capsys):
     command = f"train game TowerFlipIt --protocol joint {SMALL_RUN} {wrong} --out"
     assert lilgym(command, tmp_path / "bad") == 2
     assert error in capsys.readouterr().err

@@ -44,7 +44,7 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope="session")
-def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
+def statements(tmp_path_factory) -> str:
     """The path of a corpus with three statements per appearance, the same in train and dev."""
     path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
     entries = [

@@ -30,7 +30,7 @@ def policy_of(appearance: Tower | Scatter) -> tuple[NetworkPolicy, DataCollector
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__is_independent_of_the_rest_of_the_batch(appearance: Tower | Scatter):
+def test_policy__is_independent_of_the_rest_of_the_batch(appearance):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in STATEMENTS]
@@ -47,7 +47,7 @@ def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
     log_probabilities = np.log(np.array([stop, stop, add, add], np.float32))
     steps = np.array([0, 1, 1, 11])
 
-    def chosen(rule: StopRule) -> list[int]:
+    def chosen(rule):
         return choose_actions(log_probabilities, steps, 12, rule, None).tolist()
 
     assert chosen(StopRule()) == [0, 0, 1, 0]
@@ -56,7 +56,7 @@ def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__is_equivariant_to_box_permutations(appearance: Tower | Scatter):
+def test_policy__is_equivariant_to_box_permutations(appearance):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     for _ in range(5):

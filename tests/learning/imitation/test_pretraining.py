@@ -32,7 +32,7 @@ def text_pretraining(**changes: Any) -> tuple[ImitationNetwork, TextPretraining]
 
 def test_text_pretraining__exchanges_colours_and_drops_words_unless_the_recipe_says_not_to():
     shown = Example("There is a blue block", "exist(filter_obj(all_items, is_blue))", "tower")
-    variants: list[int] = []
+    variants = []
     for changes in ({}, {"recolour": False, "unknown_words": 0.0}):
         _, pretraining = text_pretraining(**changes)
         pair = next(pairs_of(iter([shown]), ["there", "is", "a", "blue", "block"]))

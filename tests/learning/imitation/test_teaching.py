@@ -31,7 +31,7 @@ def teacher_of(updates: int, statements: str, out: Path, name: str = "TowerFlipI
 
 
 @pytest.mark.long
-def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(statements: str, tmp_path: Path):
+def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(statements, tmp_path):
     teacher = teacher_of(150, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
     with counted_stops() as stops:
@@ -44,9 +44,7 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
         assert accuracy(open_agent(tmp_path / "run"), replace(settings, configuration=name)) == 1
 
 
-def test_taught_network__learns_legal_edits_first_and_once(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_taught_network__learns_legal_edits_first_and_once(statements, tmp_path, monkeypatch):
     settings, updates = Settings("ScatterFlipIt", corpus=statements), list[int]()
     teacher = teacher_of(2, statements, tmp_path / "teacher", "ScatterFlipIt")
     monkeypatch.setattr(training, "pretrain_geometry", lambda *arguments: updates.append(arguments[2]))
@@ -57,7 +55,7 @@ def test_taught_network__learns_legal_edits_first_and_once(
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance: str):
+def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance):
     dynamics = make_dynamics(make_appearance(appearance))
     solver = Solver(dynamics)
     for task in load_tasks("builtin", appearance, "flipit", "dev")[:40:4]:
@@ -78,7 +76,7 @@ def test_first_edits__leave_out_what_must_come_later():
     assert len(first_edits(dynamics, Scene.empty(), [blue, other])) == 6
 
 
-def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, tmp_path: Path):
+def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements, tmp_path):
     teacher = teacher_of(2, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path / "other", updates=1)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import torch
@@ -29,7 +27,6 @@ EACH = pytest.mark.parametrize(
     [(appearance, make) for appearance in APPEARANCES for make in MAKERS],
     ids=lambda value: getattr(value, "name", getattr(value, "__name__", "")),
 )
-Make = Callable[[Appearance], Factorisation]
 
 
 def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
@@ -100,7 +97,7 @@ ENUMERATED = {slot_factorisation: by_slot, joint_factorisation: by_edit}
 
 
 @EACH
-def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance: Appearance, make: Make):
+def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads)
@@ -131,7 +128,7 @@ def test_log_prob_and_entropy__match_autograd_over_several_chunks():
 
 
 @EACH
-def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Make):
+def test_mask__renormalises_over_legal_actions(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads).detach()
@@ -148,7 +145,7 @@ def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Mak
 
 
 @EACH
-def test_sample__frequencies_match_probabilities(appearance: Appearance, make: Make):
+def test_sample__frequencies_match_probabilities(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     many = 20_000
@@ -164,7 +161,7 @@ def test_sample__frequencies_match_probabilities(appearance: Appearance, make: M
 
 
 @EACH
-def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appearance: Appearance, make: Make):
+def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     chosen = FactoredPolicy(factorisation, types, heads).greedy()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -42,7 +41,7 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
+def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name):
     states, images = seen(name, 40)
     scenes, scene_of = states.scenes()
     distinct = scene_images(states, scenes)
@@ -58,7 +57,7 @@ def ours() -> BoxTransformer:
     return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
-def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours: BoxTransformer):
+def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours):
     states, images = seen(count=40)
     first = BoxImageTable()
     with torch.no_grad():
@@ -82,7 +81,7 @@ def flat(found: Any) -> list[torch.Tensor]:
     return [found.types, found.values, *found.heads]
 
 
-def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTransformer):
+def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours):
     states, images = seen(count=6)
     together = ours(states)
     for row in range(6):
@@ -95,17 +94,17 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTrans
 
 
 @pytest.mark.parametrize(("appearance", "separators"), [(Tower(), False), (Scatter(), False), (Scatter(), True)])
-def test_ours__every_parameter_has_a_gradient(appearance: Tower | Scatter, separators: bool):
+def test_ours__every_parameter_has_a_gradient(appearance, separators):
     model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
     found = model(seen(f"{appearance.name.title()}FlipIt")[0])
     sum(part.square().sum() for part in flat(found)).backward()
     assert [name for name, weight in model.named_parameters() if weight.grad is None] == []
 
 
-def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
+def test_ours__depends_on_statement_target_and_every_box(ours):
     states, _ = seen()
 
-    def types(changed: States) -> torch.Tensor:
+    def types(changed):
         return ours(changed).types[0].detach()
 
     before = types(states)
@@ -117,7 +116,7 @@ def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
 
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
-def test_critic__shares_weights_only_if_shared(critic: str):
+def test_critic__shares_weights_only_if_shared(critic):
     model = make_model(PPORecipe.of("TowerFlipIt", critic=critic), Tower(), statements=STATEMENTS)
     model(seen()[0]).values.sum().backward()
     touched = {name.partition(".")[0] for name, weight in model.named_parameters() if weight.grad is not None}
@@ -128,10 +127,8 @@ def test_critic__shares_weights_only_if_shared(critic: str):
 
 
 @pytest.mark.parametrize(("layers", "configuration"), [(C3, "TowerFlipIt"), (C10, "ScatterFlipIt")])
-def test_windows__give_the_features_and_gradients_of_whole_images(
-    layers: Callable[[], Any], configuration: str, monkeypatch: pytest.MonkeyPatch
-):
-    encoder: Any = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
+def test_windows__give_the_features_and_gradients_of_whole_images(layers, configuration, monkeypatch):
+    encoder = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
     torch.manual_seed(0)
     appearance = Tower() if configuration == "TowerFlipIt" else Scatter()
     model = ConvolutionsAndBert(encoder, layers, appearance, has_actor=False, has_critic=True)
@@ -139,7 +136,7 @@ def test_windows__give_the_features_and_gradients_of_whole_images(
         monkeypatch.setattr("lilgym_mp.learning.ppo.pretrained.MOST_SCENES", most_scenes)
         states, _ = seen(configuration, count)
         assert (len(model.inputs(states)[0]) > 1) == (count > 3)
-        found: list[list[torch.Tensor]] = []
+        found = []
         for inputs in (model.inputs(states), model.fixed_inputs(states)):
             model.zero_grad()
             values = model(inputs).values
@@ -170,7 +167,7 @@ def write_tokenizer(place: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def tiny(tmp_path_factory) -> dict[str, Path]:
     """Weight directories of tiny random networks, by architecture."""
     transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
     torch.manual_seed(0)
@@ -190,7 +187,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             )
         ),
     }
-    places: dict[str, Path] = {}
+    places = {}
     for name, network in networks.items():
         places[name] = tmp_path_factory.mktemp("weights") / name
         network.save_pretrained(places[name])
@@ -205,9 +202,7 @@ SHORT |= {"held_out": 0.0, "patience": 0}
 @pytest.mark.parametrize(
     ("model", "critic"), [("c3-bert", "separate"), ("c10-bert", "shared"), ("vilt", "shared"), ("flava", "separate")]
 )
-def test_pretrained__trained_agent_is_saved_and_reloaded(
-    tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
-):
+def test_pretrained__trained_agent_is_saved_and_reloaded(tmp_path, own, tiny, model, critic):
     settings = Settings("TowerFlipIt", corpus=own, horizon=3)
     recipe = PPORecipe.of("TowerFlipIt", "paper", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
     weights = tiny[model if model in tiny else "bert"]
@@ -219,12 +214,10 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
 
 
-def test_cuda_graphs__train_as_without_them(
-    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch
-):
+def test_cuda_graphs__train_as_without_them(tmp_path, own, tiny, monkeypatch):
     """On CUDA with graphs, elsewhere by the same functions without capturing them."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    weights: list[dict[str, torch.Tensor]] = []
+    weights = []
     for use_graphs in (True, False):
         monkeypatch.setattr(training, "uses_graphs", lambda *_, answer=use_graphs: answer)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(use_graphs)
@@ -239,11 +232,9 @@ def test_cuda_graphs__train_as_without_them(
 
 
 @pytest.mark.parametrize("capability", ["AVX2", "AVX512"])
-def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(
-    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capability: str
-):
+def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(tmp_path, own, tiny, monkeypatch, capability):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
-    weights: list[torch.Tensor] = []
+    weights = []
     for reduced in (False, True):
         recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", reduced_precision=reduced, **SHORT)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(reduced)
@@ -253,9 +244,7 @@ def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(
 
 
 @pytest.mark.parametrize(("name", "millions"), [("c3-bert", 2.59), ("c10-bert", 3.05)])
-def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(
-    tiny: dict[str, Path], name: str, millions: float
-):
+def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(tiny, name, millions):
     recipe = PPORecipe.of("TowerScratch", "release", model=name)
     model = make_model(recipe, Tower(), weights=tiny["bert"])
     width, full = 16, 768
@@ -265,14 +254,14 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
     assert not any("encoder" in name for name in model.state_dict())
 
 
-def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
+def test_frozen_bert__averages_layers_and_word_pieces(tiny):
     from transformers import BertModel
 
     from lilgym_mp.learning.ppo.pretrained import FrozenBert
 
     encoder = FrozenBert(tiny["bert"])
     found = encoder.vectors(["There is a block.", "blue"], torch.device("cpu"))
-    network: Any = BertModel.from_pretrained(tiny["bert"]).eval()
+    network = BertModel.from_pretrained(tiny["bert"]).eval()
     numbers = [VOCABULARY.index(word) for word in ("[CLS]", "blue", "[SEP]")]
     with torch.no_grad():
         layers = network(torch.tensor([numbers]), output_hidden_states=True).hidden_states
@@ -281,7 +270,7 @@ def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     assert not found.requires_grad
 
 
-def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[str, Path]):
+def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny):
     recipe = PPORecipe.of("TowerScratch", "release", model="vilt")
     model = make_model(recipe, make_appearance("tower"), weights=tiny["vilt"]).eval()
     states, _ = seen(count=2)
@@ -289,7 +278,7 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
     with torch.no_grad():
         assert not torch.allclose(found.types, model(states._replace(targets=1 - states.targets)).types)
     found.types.square().sum().backward()
-    embeddings = model.get_submodule("actor.transformer.network").get_input_embeddings().weight  # pyright: ignore
+    embeddings = model.get_submodule("actor.transformer.network").get_input_embeddings().weight
     assert embeddings.grad[len(VOCABULARY)].abs().sum() > 0
 
 
@@ -306,9 +295,7 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
         ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
     ],
 )
-def test_weights__unusable_directories_are_rejected_with_the_reason(
-    tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str
-):
+def test_weights__unusable_directories_are_rejected_with_the_reason(tmp_path, tiny, damage, fault):
     from safetensors.torch import save_file
 
     place = tmp_path / "weights"
@@ -330,7 +317,7 @@ def test_weights__unusable_directories_are_rejected_with_the_reason(
         make_model(PPORecipe.of("TowerScratch", "paper", model="c3-bert"), Tower(), weights=named)
 
 
-def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, tiny: dict[str, Path]):
+def test_weights__changed_since_training_are_rejected(tmp_path, own, tiny):
     place = tmp_path / "weights"
     shutil.copytree(tiny["bert"], place)
     recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", **SHORT)

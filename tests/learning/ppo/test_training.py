@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import signal
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from lilgym_mp.cli.training import resumed
 from lilgym_mp.corpus import load_tasks
@@ -31,15 +29,13 @@ from lilgym_mp.learning.ppo import validation
 from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe
 from lilgym_mp.learning.ppo.learning_curve import LearningCurve
-from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
-from lilgym_mp.learning.ppo.training import PPOProgress, train_ppo
-from lilgym_mp.scene import Scene
+from lilgym_mp.learning.ppo.rollout import RolloutCollector
+from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Tower
 from tests.corpora import write_own_corpus, write_three_statements
 from tests.learning.conftest import equal, weights
 
 TOWER = Settings("TowerScratch")
-EMPTY = Scene.empty()
 SMALL = PPORecipe(
     envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
 )
@@ -56,7 +52,7 @@ def lines(file: Path) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def begun_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def begun_run(tmp_path_factory) -> Path:
     """A run of 32 steps; read-only."""
     place = tmp_path_factory.mktemp("begun") / "run"
     trained(place, 32)
@@ -64,7 +60,7 @@ def begun_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def begun(begun_run: Path, tmp_path: Path) -> Path:
+def begun(begun_run, tmp_path) -> Path:
     """A copy of that run."""
     return shutil.copytree(begun_run, tmp_path / "run")
 
@@ -83,17 +79,15 @@ def accuracy(path: Path, corpus: str) -> float:
     return fmean(episode.is_success for episode in episodes)
 
 
-def test_train__solves_three_statements(tmp_path: Path, three: str):
+def test_train__solves_three_statements(tmp_path, three):
     assert accuracy(tmp_path, three) > 0.85
 
 
 @pytest.mark.long
-def test_train__does_not_solve_three_statements_with_shuffled_rewards(
-    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch
-):
-    play: Callable[..., Rollout] = RolloutCollector.collect
+def test_train__does_not_solve_three_statements_with_shuffled_rewards(tmp_path, three, monkeypatch):
+    play = RolloutCollector.collect
 
-    def shuffled(self: RolloutCollector, *args: Any) -> Rollout:
+    def shuffled(self, *args):
         found = play(self, *args)
         mixed = np.random.default_rng(0).permutation(found.rewards.reshape(-1)).reshape(found.rewards.shape)
         return found._replace(rewards=mixed)
@@ -105,8 +99,8 @@ def test_train__does_not_solve_three_statements_with_shuffled_rewards(
 # Runs on disk
 
 
-def test_train__reports_and_records_each_rollout(tmp_path: Path):
-    heard: list[PPOProgress] = []
+def test_train__reports_and_records_each_rollout(tmp_path):
+    heard = []
     agent = trained(tmp_path, 80, on_progress=heard.append)
     assert [progress.steps for progress in heard] == [32, 64, 96]
     files = {path.name for path in tmp_path.iterdir()}
@@ -120,7 +114,7 @@ def test_train__reports_and_records_each_rollout(tmp_path: Path):
         trained(tmp_path, 96, resume=True)
 
 
-def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun: Path):
+def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun):
     identity, progress = json.loads((begun / "run.json").read_text()), begun / "progress.jsonl"
     (begun / "run.json").write_text(json.dumps({**identity, "finished": False}))
     with progress.open("a") as file:
@@ -129,8 +123,8 @@ def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun: Pat
     assert [line["steps"] for line in lines(progress)] == [32, 64]
 
 
-def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun: Path):
-    said: list[str] = []
+def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun):
+    said = []
     trained(begun, 64, resume=True, say=said.append)
     assert said[0] == f"{begun} had finished; over the larger budget its learning rate rises again"
 
@@ -142,12 +136,12 @@ def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun
         {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3},
     ],
 )
-def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, own: str, changes: dict[str, Any]):
+def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, own, changes):
     recipe = replace(SMALL, validate_every=32, **changes)
     settings = Settings("TowerFlipIt", corpus=own)
     trained(tmp_path / "whole", 128, recipe, settings)
 
-    def interrupt(progress: PPOProgress) -> None:
+    def interrupt(progress):
         if progress.steps == 64:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -163,12 +157,12 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, ow
     assert whole == resumed
 
 
-def test_train__works_outside_the_main_thread(tmp_path: Path):
+def test_train__works_outside_the_main_thread(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(trained, tmp_path, 32).result().description.details["steps"] == 32
 
 
-def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_path: Path, own: str):
+def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_path, own):
     settings = Settings("TowerScratch", corpus=own)
     agent = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
     points = lines(tmp_path / "curve" / "evaluations.jsonl")
@@ -179,8 +173,8 @@ def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_pa
     assert equal(tmp_path / "curve", tmp_path / "plain")  # training is unaffected
 
 
-def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own: str, tmp_path: Path):
-    def adds(count: int) -> Any:
+def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own, tmp_path):
+    def adds(count):
         blue_left, stop = 3, 0
         return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
 
@@ -194,13 +188,11 @@ def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own: st
     assert flipit.evaluation(adds(1), 0).image_accuracy is None
 
 
-def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
-    tmp_path: Path, own: str, monkeypatch: pytest.MonkeyPatch
-):
+def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path, own, monkeypatch):
     shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])
-    kept: list[dict[str, Tensor]] = []
+    kept = []
 
-    def played(policy: Any, settings: Settings, split: str, **options: Any) -> list[Any]:
+    def played(policy, settings, split, **options):
         assert split == "train"
         assert {*options["task_ids"]} <= {*load_tasks(own, "tower", "flipit", "train").ids}
         kept.append({name: tensor.clone() for name, tensor in policy._model.state_dict().items()})
@@ -217,7 +209,7 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
     assert [line["best_steps"] for line in lines(tmp_path / "validations.jsonl")] == [32, 64, 64, 64]
 
 
-def test_tasks__held_out_statements_are_in_no_training_task(own: str):
+def test_tasks__held_out_statements_are_in_no_training_task(own):
     recipe = PPORecipe.of("TowerFlipIt", held_out=0.34)
     tasks = training_tasks(Settings("TowerFlipIt", corpus=own), recipe)
     train = load_tasks(own, "tower", "flipit", "train")
@@ -227,7 +219,7 @@ def test_tasks__held_out_statements_are_in_no_training_task(own: str):
     assert {task.id.split("#")[0].removeprefix("empty:") for task in tasks.tasks}.isdisjoint(tasks.validation)
 
 
-def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
+def test_tasks__of_ours_include_recoloured_and_empty_starts(own):
     tasks = training_tasks(Settings("TowerFlipIt", corpus=own), PPORecipe.of("TowerFlipIt", held_out=0))
     assert "There is something blue." in tasks.statements  # of yellow and black ones
     empty = [task for task, begins in zip(tasks.tasks, tasks.from_empty, strict=True) if begins]
@@ -237,13 +229,13 @@ def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
         assert tasks.from_empty[tasks.tasks.index_of(task.id)] or not task.solved_by(task.start)
 
 
-def test_tasks__of_the_paper_are_the_corpus(own: str):
+def test_tasks__of_the_paper_are_the_corpus(own):
     settings = Settings("TowerFlipIt", corpus=own)
     plain = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
     assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
 
 
-def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):
+def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own):
     settings = Settings("TowerFlipIt", corpus=own)
     tasks = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
     rng = np.random.default_rng(0)
@@ -256,7 +248,7 @@ def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):
     assert len(set(statements[:4].tolist())) == len(set(statements[4:].tolist())) == 1
 
 
-def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path, own: str):
+def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path, own):
     settings = Settings("TowerScratch", corpus=own)
     tasks = training_tasks(settings, NLVR, matching=True)
     task = tasks.tasks.by_id("tower-train-has-yellow")
@@ -270,7 +262,7 @@ def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path,
 # Rollouts
 
 
-def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own: str):
+def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own):
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
     tasks = training_tasks(settings, recipe)
@@ -294,7 +286,7 @@ def test_collect__forces_successful_stops_with_the_unforced_policys_probability(
 
 
 @pytest.mark.parametrize("mask", [False, True])
-def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_path: Path, mask: bool):
+def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_path, mask):
     agent = trained(tmp_path, 64, replace(SMALL, mask=mask))
     assert agent.policy(TOWER).needs_masks is mask
     said = "illegal actions masked in training and in play" if mask else "no mask of legal actions"
@@ -311,9 +303,7 @@ def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_
         ("release", "ScatterScratch"),
     ],
 )
-def test_train__every_recipe_and_configuration_gives_an_agent(
-    tmp_path: Path, own: str, recipe_name: str, configuration: str
-):
+def test_train__every_recipe_and_configuration_gives_an_agent(tmp_path, own, recipe_name, configuration):
     short = {"rollout": 16, "batch_size": 16, "epochs": 1, "envs": 2, "same_statement": 1, "held_out": 0.0}
     recipe = PPORecipe.of(configuration, recipe_name, stop_forcing=True, patience=0, **short)
     settings = Settings(configuration, corpus=own, horizon=2)
@@ -328,7 +318,7 @@ def test_train__every_recipe_and_configuration_gives_an_agent(
         agent.policy(replace(settings, grid=(38, 10)))
 
 
-def test_train__accumulated_gradient_equals_the_full_one(tmp_path: Path):
+def test_train__accumulated_gradient_equals_the_full_one(tmp_path):
     for name, size in (("whole", 0), ("parts", 5)):
         trained(tmp_path / name, 32, replace(SMALL, microbatch=size))
     one, other = weights(tmp_path / "whole"), weights(tmp_path / "parts")
@@ -349,14 +339,14 @@ def test_train__accumulated_gradient_equals_the_full_one(tmp_path: Path):
         ({"recipe_name": "paper"}, "has recipe_name ours, but paper was requested"),
     ],
 )
-def test_resume__rejects_a_different_run_naming_both_values(begun_run: Path, required: dict[str, Any], error: str):
+def test_resume__rejects_a_different_run_naming_both_values(begun_run, required, error):
     environment, recipe = required.pop("environment", {}), required.pop("recipe", {})
     with pytest.raises(TrainingRunError, match=error):
         resumed(begun_run, "ppo", LEARNER, environment, recipe, required)
     assert resumed(begun_run, "ppo", LEARNER, {}, {}, {}) == (TOWER, SMALL, PPOOptions(steps=32))
 
 
-def test_resume__rejects_a_changed_corpus(tmp_path: Path):
+def test_resume__rejects_a_changed_corpus(tmp_path):
     corpus = write_own_corpus(tmp_path / "own.jsonl")
     settings = Settings("TowerScratch", corpus=str(corpus))
     trained(tmp_path / "run", 32, settings=settings)
@@ -376,7 +366,7 @@ def test_resume__rejects_a_changed_corpus(tmp_path: Path):
         ("random", "{}"),
     ],
 )
-def test_resume__rejects_a_checkpoint_of_another_run(begun: Path, part: str, value: Any):
+def test_resume__rejects_a_checkpoint_of_another_run(begun, part, value):
     state = torch.load(begun / "checkpoint.pt", weights_only=True)
     torch.save({**state, part: value}, begun / "checkpoint.pt")
     with pytest.raises(TrainingRunError, match="not a checkpoint of this run"):
@@ -393,13 +383,13 @@ def test_resume__rejects_a_checkpoint_of_another_run(begun: Path, part: str, val
         ({"recipe": NLVR, "settings": Settings("TowerFlipIt")}, "requires Scratch tasks"),
     ],
 )
-def test_train__invalid_settings_create_no_directory(tmp_path: Path, invalid: dict[str, Any], error: str):
+def test_train__invalid_settings_create_no_directory(tmp_path, invalid, error):
     with pytest.raises(ValueError, match=error):
         trained(tmp_path / "run", **invalid)
     assert not (tmp_path / "run").exists()
 
 
-def test_train__rejects_used_and_unwritable_directories(tmp_path: Path, begun_run: Path):
+def test_train__rejects_used_and_unwritable_directories(tmp_path, begun_run):
     with pytest.raises(TrainingRunError, match="already holds a run"):
         trained(begun_run, 32)
     (tmp_path / AGENT_FILE).write_bytes(b"of another run")
