@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.cli import bench
 from lilgym_mp.cli.bench import EPISODE_ACTIONS, FIXED, Workload
 from lilgym_mp.evaluation import Settings
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
@@ -47,7 +47,7 @@ def few_actions(monkeypatch) -> None:
 @pytest.mark.usefixtures("few_actions")
 def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(capsys, monkeypatch):
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: player.steps / player.play())
-    assert lilgym("bench --quick --configuration TowerScratch --only batched single pettingzoo --num-envs 2 16") == 0
+    succeeds("bench --quick --configuration TowerScratch --only batched single pettingzoo --num-envs 2 16")
     printed = capsys.readouterr().out
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines() if line.startswith("| ")]
     megabytes = {(way, workload, envs): float(cell) for way, workload, envs, *_, cell in rows[1:] if cell != "-"}
@@ -80,10 +80,9 @@ def test_missing_package__leaves_out_its_ways(capsys, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: 1.0)
-    assert lilgym("bench --quick --configuration TowerFlipIt --only sb3 --num-envs 2") == 0
+    succeeds("bench --quick --configuration TowerFlipIt --only sb3 --num-envs 2")
     assert "not measured: SB3, batched (needs stable_baselines3" in capsys.readouterr().err
 
 
 def test_bench__rejects_an_empty_batch(capsys):
-    assert lilgym("bench --num-envs 8 0") == 2
-    assert "--num-envs must be at least 1, not 0" in capsys.readouterr().err
+    assert "--num-envs must be at least 1, not 0" in error_of(capsys, "bench --num-envs 8 0")

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lilgym_mp.cli import COMMANDS, USAGE_ERROR, parse_args
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 
 ERRORS = {
     "evaluate --seed 1 --seed 2": "argument --seed: given more than once",
@@ -83,14 +83,13 @@ def test_missing_package__error_names_what_to_install(tmp_path, monkeypatch, cap
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr("lilgym_mp.learning", None, raising=False)  # the import below replaces it until the end
     monkeypatch.setitem(sys.modules, "safetensors", None)
-    assert lilgym("train ppo TowerScratch --steps 1 --out", tmp_path) == USAGE_ERROR
-    written = capsys.readouterr().err
+    written = error_of(capsys, "train ppo TowerScratch --steps 1 --out", tmp_path)
     assert "needs safetensors: pip install" in written
     assert "(the extra train)" in written
 
 
 def test_explain_program__shows_truth_and_satisfying_items(capsys):
-    assert lilgym("explain --task tower-dev-001 --program 'exist(filter_obj(all_items, lambda x: is_blue(x)))'") == 0
+    succeeds("explain --task tower-dev-001 --program 'exist(filter_obj(all_items, lambda x: is_blue(x)))'")
     shown = capsys.readouterr().out
     assert '"I can see a blue block."' in shown
     assert "= False" in shown
@@ -99,15 +98,14 @@ def test_explain_program__shows_truth_and_satisfying_items(capsys):
 
 @pytest.mark.parametrize("source", ["exist(filter_obj(all_items, is_blue))", "is_blue(unique(all_items))"])
 def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(source, capsys):
-    assert lilgym("explain --configuration ScatterScratch --program", source) == 0
+    succeeds("explain --configuration ScatterScratch --program", source)
     output = capsys.readouterr().out
     assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
     assert "= False" in output
 
 
 def test_explain_program__shows_the_position_of_an_error(capsys):
-    assert lilgym("explain --program 'exist(all_itmes)'") == USAGE_ERROR
-    lines = capsys.readouterr().err.splitlines()
+    lines = error_of(capsys, "explain --program 'exist(all_itmes)'").splitlines()
     assert lines[2].index("^") == lines[1].index("all_itmes")
     assert "line 1, column 7" in lines[3]
 
@@ -126,7 +124,6 @@ DAMAGES = {
 @pytest.mark.parametrize("command", ["evaluate", "train ppo --resume --out"])
 def test_damaged_run__is_reported_in_one_line(damage, command, tmp_path, capsys):
     (tmp_path / "run.json").write_text(DAMAGES[damage], encoding="utf-8")
-    assert lilgym(command, tmp_path) == USAGE_ERROR
-    output = capsys.readouterr().err
+    output = error_of(capsys, command, tmp_path)
     assert str(tmp_path) in output
     assert output.count("\n") == 1

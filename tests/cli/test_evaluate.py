@@ -9,7 +9,7 @@ from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.results import training_statements
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 from tests.corpora import entry
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
@@ -24,7 +24,7 @@ def write_entries(path: Path, *entries: tuple[str, str, str]) -> str:
 def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsys):
     corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
-    assert lilgym(command, tmp_path / "out.json") == 0
+    succeeds(command, tmp_path / "out.json")
     assert "expert, TowerScratch: 1 tasks failed: " in capsys.readouterr().out
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     blue, never = row["items"]
@@ -36,7 +36,7 @@ def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
     known = next(iter(load_tasks("builtin", "tower", "scratch", "train")))
     entries = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
     corpus = write_entries(tmp_path / "own.jsonl", *entries)
-    assert lilgym(f"evaluate parse-and-plan --parses --corpus {corpus} --out", tmp_path / "out.json") == 0
+    succeeds(f"evaluate parse-and-plan --parses --corpus {corpus} --out", tmp_path / "out.json")
     (written,) = json.loads((tmp_path / "out.json").read_text()).values()
     assert written["totals"][0]["statements"] == 2
     right, wrong = written["items"]
@@ -57,6 +57,6 @@ def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path):
     assert seen in trained_on({"corpus": "builtin"})
     assert trained_on({"corpus": str(tmp_path / "gone.jsonl")}) == set()
     command = f"evaluate parse-and-plan --alone --configuration TowerScratch --corpus {corpus} --out"
-    assert lilgym(command, tmp_path / "out.json") == 0
+    succeeds(command, tmp_path / "out.json")
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     assert (row["episodes_seen"], row["episodes_unseen"]) == (1, 0)

@@ -14,7 +14,7 @@ from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
-from tests.command_line import lilgym
+from tests.command_line import error_of, succeeds
 
 
 class Trained(Agent):
@@ -43,7 +43,7 @@ class Single(Agent):
 
 def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, Any]]:
     """What `lilgym-mp evaluate ARGUMENTS` writes in the directory, by proposer and verifier."""
-    assert lilgym(f"evaluate {arguments} --force --out", directory / "results.json") == 0
+    succeeds(f"evaluate {arguments} --force --out", directory / "results.json")
     found = json.loads((directory / "results.json").read_text())["results"]
     return {(entry["proposer"], entry["verifier"]): entry for entry in found}
 
@@ -95,7 +95,7 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path,
 
 def test_run__plays_the_requested_configurations(tmp_path, runs):
     runs["a"] = Trained("builtin")  # on TowerScratch
-    assert lilgym("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json") == 0
+    succeeds("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json")
     entries = json.loads((tmp_path / "results.json").read_text())["results"]
     assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == ["TowerFlipIt", "TowerScratch"]
 
@@ -117,8 +117,7 @@ def test_what_cannot_be_played__is_one_line(arguments, message, runs, capsys):
     runs |= {protocol: Trained("builtin", protocol) for protocol in ("audit", "veto", "critique")}
     runs["guided"] = Trained("builtin")
     runs["guided"].game = GameSettings(protocol="critique", views="guide")
-    assert lilgym(f"evaluate {arguments}") == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = error_of(capsys, f"evaluate {arguments}").splitlines()
     assert message in line
 
 
@@ -140,7 +139,7 @@ def test_actions__are_greedy_sampled_or_both(tmp_path, own, runs):
             return super().partner(role, game)
 
     runs["a"] = Sampled(own)
-    assert lilgym("evaluate a --actions greedy sampled --out", tmp_path / "results.json") == 0
+    succeeds("evaluate a --actions greedy sampled --out", tmp_path / "results.json")
     assert asked == [False, False, True, True]
     entries = json.loads((tmp_path / "results.json").read_text())["results"]
     assert [entry["actions"] for entry in entries][::5] == ["greedy", "sampled"]

@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR, experiment_runs
+from lilgym_mp.cli import experiment_runs
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
@@ -110,7 +110,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, caps
     teacher = "{out}/runs/teacher-{seed}"
     """
     file = write_file(tmp_path / "a.toml", text)
-    assert lilgym(f"experiment {file} --out here --list") == 0
+    succeeds(f"experiment {file} --out here --list")
     training = capsys.readouterr().out.splitlines()[::2]
     assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
@@ -158,22 +158,23 @@ def test_plan__errors_name_file_key_and_choices(tmp_path, text, message):
 def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", SMALL)
     command = f"experiment {file} --out {tmp_path / 'out'}"
-    assert lilgym(f"{command} --split test") == USAGE_ERROR
-    assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in capsys.readouterr().err
+    assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in error_of(
+        capsys, f"{command} --split test"
+    )
     assert not (tmp_path / "out").exists()
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
     write_file(file, f'corpus = "{tmp_path / "own.jsonl"}"\n{SMALL}')
     for split in ("--split test", ""):
-        assert lilgym(f"{command} {split}") == USAGE_ERROR
-        assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
+        assert "it has scratch tasks of scatter dev, tower train" in error_of(capsys, f"{command} {split}")
 
 
 def test_experiment__only_executes_the_runs_named(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL)
-    assert lilgym(f"experiment {file} --list --only ppo-TowerScratch-1") == 0
+    succeeds(f"experiment {file} --list --only ppo-TowerScratch-1")
     assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
-    assert lilgym(f"experiment {file} --only ppo-TowerScratch-2") == USAGE_ERROR
-    assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
+    assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in error_of(
+        capsys, f"experiment {file} --only ppo-TowerScratch-2"
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux pins processes to cores")
@@ -183,7 +184,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(tmp_path
     seen = []
     monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
     file = write_file(tmp_path / "a.toml", SMALL)
-    assert lilgym(f"experiment {file} {jobs} --out", tmp_path / "out") == 0
+    succeeds(f"experiment {file} {jobs} --out", tmp_path / "out")
     assert seen == [threads]
 
 
@@ -193,7 +194,7 @@ def test_experiment__trains_the_game_and_measures_it(tmp_path):
     head = f'corpus = "{own}"\nconfigurations = ["TowerScratch"]\n[[learners]]\nlearner = "game"\nsteps = 64\n'
     game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\n'
     file = write_file(tmp_path / "game.toml", head + game + FEW)
-    assert lilgym(f"experiment {file} --out", tmp_path / "results") == 0
+    succeeds(f"experiment {file} --out", tmp_path / "results")
     results = tmp_path / "results" / "episodes" / "audit-TowerScratch-0-dev.json"
     found = {(one["verifier"], one["protocol"]) for one in json.loads(results.read_text())["results"]}
     assert found >= {("oracle", "audit"), ("target-only", "audit")}
@@ -285,7 +286,7 @@ def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path):
     run = tmp_path / "out" / "runs" / "ppo-TowerScratch-0"
     before = (run / "progress.jsonl").read_text()
     assert 0 < len(before.splitlines()) < 20
-    assert lilgym(f"experiment {tmp_path / 'one.toml'} --jobs 2 --out", tmp_path / "out") == 0
+    succeeds(f"experiment {tmp_path / 'one.toml'} --jobs 2 --out", tmp_path / "out")
     after = (run / "progress.jsonl").read_text()
     assert after.startswith(before)
     assert json.loads(after.splitlines()[-1])["steps"] >= 640
@@ -360,18 +361,18 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, capsys
     assert "3 of 3 runs finished" in capsys.readouterr().out
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     (place / "finished" / "policies.json").unlink()
-    assert lilgym(command) == 0
+    succeeds(command)
     changed = {path.parts[-2] for path, when in before.items() if path.stat().st_mtime_ns != when}
     assert changed == {"policies", "logs", "finished"}
     capsys.readouterr()
     run = place / "runs" / "ppo-TowerScratch-0"  # already recorded, so not evaluated again
-    assert lilgym(f"report {place / 'episodes'} {run} --out", tmp_path / "report") == 0
+    succeeds(f"report {place / 'episodes'} {run} --out", tmp_path / "report")
     assert "episodes:" not in capsys.readouterr().out
     page = (tmp_path / "report" / "index.html").read_text()
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page
     trained = (run / "agent.safetensors").stat().st_mtime_ns
-    assert lilgym(f"{command} --split test") == 0
+    succeeds(f"{command} --split test")
     assert "TowerScratch test" in (place / "test.md").read_text()
     assert (run / "agent.safetensors").stat().st_mtime_ns == trained
     assert lilgym(command) == 0  # the evaluations on dev are still finished

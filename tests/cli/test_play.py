@@ -16,7 +16,7 @@ from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError, AddItem, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.scene.render.characters import ruled, text
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 from tests.scenes import B, scene, square, tower
 
 Play = Callable[..., str]
@@ -30,7 +30,7 @@ def play(monkeypatch, capsys) -> Play:
 
     def run(command, *lines):
         monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
-        assert lilgym(command) == 0
+        succeeds(command)
         return capsys.readouterr().out
 
     return run

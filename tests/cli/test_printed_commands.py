@@ -13,7 +13,7 @@ import pytest
 from lilgym_mp.contrib.report.behaviour import film_strip
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import RunDirectory
-from tests.command_line import lilgym
+from tests.command_line import lilgym, succeeds
 from tests.corpora import write_own_corpus
 
 pytest.importorskip("matplotlib")  # of reports
@@ -46,8 +46,8 @@ def printed(capsys: Captured, before: str) -> str:
 
 @pytest.mark.parametrize("learner", TRAININGS)
 def test_train__names_an_evaluation_that_runs(learner, own, capsys):
-    assert lilgym(f"train {TRAININGS[learner]} {own} --out 'a run'") == 0
-    assert lilgym(printed(capsys, "evaluate it with"), "--out", "results.json") == 0
+    succeeds(f"train {TRAININGS[learner]} {own} --out 'a run'")
+    succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")
 
 
 def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch, capsys):
@@ -55,7 +55,7 @@ def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
         assert lilgym(f"train {TRAININGS['ppo']} {own} --out 'a run'") == 130
-    assert lilgym(printed(capsys, "resume with")) == 0
+    succeeds(printed(capsys, "resume with"))
 
 
 def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
@@ -63,14 +63,14 @@ def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
     Path("an experiment.toml").write_text(text)
     command = "experiment 'an experiment.toml' --out 'the results' --only policies"
-    assert lilgym(f"{command} --list") == 0
-    assert lilgym(printed(capsys, "policies"), "--record", "by hand") == 0
+    succeeds(f"{command} --list")
+    succeeds(printed(capsys, "policies"), "--record", "by hand")
     capsys.readouterr()
-    assert lilgym(command) == 0
-    assert lilgym(printed(capsys, "tables")) == 0
+    succeeds(command)
+    succeeds(printed(capsys, "tables"))
     (file,) = Path("by hand").glob("*.jsonl.gz")
     recording = read_episodes(file)
     title, _ = film_strip(recording, recording.episodes[0], "any")
     monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
-    assert lilgym(title.partition("lilgym-mp ")[2]) == 0
+    succeeds(title.partition("lilgym-mp ")[2])
     assert recording.episodes[0].statement in capsys.readouterr().out

@@ -8,13 +8,12 @@ import signal
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
-from tests.command_line import lilgym
+from tests.command_line import error_of
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 
@@ -38,5 +37,6 @@ def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own, tm
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])
 def test_resume__rejects_a_run_of_another_learner(learner, tmp_path, capsys):
     begin_run(tmp_path, {"learner": "other"})
-    assert lilgym(f"train {learner} --resume --out", tmp_path) == USAGE_ERROR
-    assert f"has learner other, but {learner} was requested" in capsys.readouterr().err
+    assert f"has learner other, but {learner} was requested" in error_of(
+        capsys, f"train {learner} --resume --out", tmp_path
+    )

@@ -21,7 +21,7 @@ from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 
 Shown = Callable[..., str]
 SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
@@ -41,7 +41,7 @@ def trained_run(own, tmp_path_factory) -> Path:
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
     command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
-    assert lilgym(command, directory) == 0
+    succeeds(command, directory)
     return directory
 
 
@@ -56,7 +56,7 @@ def shown(capsys) -> Shown:
     """Runs a command and returns its standard output."""
 
     def run(command, *more):
-        assert lilgym(command, *more) == 0
+        succeeds(command, *more)
         return capsys.readouterr().out
 
     return run
@@ -64,7 +64,7 @@ def shown(capsys) -> Shown:
 
 def test_train__options_override_the_recipe(tmp_path, own):
     options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
-    assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path) == 0
+    succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path)
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
@@ -92,7 +92,7 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monk
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
-    assert lilgym(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path) == 0
+    succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path)
     lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]
     losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
     assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
@@ -102,8 +102,9 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monk
 def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
-    assert lilgym("train ppo TowerScratch --tensorboard --out", tmp_path / "run") == USAGE_ERROR
-    assert "--tensorboard needs tensorboard: pip install tensorboard" in capsys.readouterr().err
+    assert "--tensorboard needs tensorboard: pip install tensorboard" in error_of(
+        capsys, "train ppo TowerScratch --tensorboard --out", tmp_path / "run"
+    )
     assert not (tmp_path / "run").exists()
 
 
@@ -215,7 +216,7 @@ def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_
 
     assert load_agent("imitation-tower", "cpu").description.details["stop_rules"]["TowerFlipIt"]["sampled"]
     command = f"evaluate imitation-tower --alone --configuration TowerFlipIt --corpus {own}"
-    assert lilgym(f"{command} --actions greedy sampled --record", tmp_path) == 0
+    succeeds(f"{command} --actions greedy sampled --record", tmp_path)
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 

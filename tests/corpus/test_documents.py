@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.corpus import load_all_tasks
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ OFFICIAL = DOCS / "official_data.md"
 
 @pytest.mark.usefixtures("official_data")
 def test_official_page__matches_the_command_output(capsys):
-    assert lilgym("data stats lilgym") == 0
+    succeeds("data stats lilgym")
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)
     shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
@@ -52,7 +52,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
     published = {name: script.read(name) for name in ("returns", "behaviour")}
     monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(script.RESULTS, tmp_path / "results")))
     command = "evaluate --policy expert --configuration TowerFlipIt --corpus lilgym --optimal --record"
-    assert lilgym(command, tmp_path / "recordings") == 0
+    succeeds(command, tmp_path / "recordings")
     for name, rows in published.items():
         script.write(name, [row for row in rows if row[:2] != ["expert", "TowerFlipIt"]])
     script.add("10", [*(tmp_path / "recordings").glob("*.gz")])
@@ -77,7 +77,7 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch
         (run / "progress.jsonl").write_text(f'{{"updates": 0}}\n{line}')
     (run / "validations.jsonl").write_text('{"best_steps": 130000}\n')
     recordings = tmp_path / "episodes" / "ppo-TowerFlipIt-2"
-    assert lilgym("evaluate --policy expert --configuration TowerScratch --record", recordings) == 0
+    succeeds("evaluate --policy expert --configuration TowerScratch --record", recordings)
     (tmp_path / "finished" / "new-0.json").touch()
     assert script.write_runs(tmp_path) == ["new-0"]
     changed = [row for row in script.read("runs") if row not in before]
@@ -135,7 +135,7 @@ def test_croissant__is_valid_and_can_be_read(tmp_path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
     for name in ("croissant.json", "builtin.jsonl.gz"):
         (tmp_path / name).write_bytes((ROOT / "data" / name).read_bytes())
-    assert lilgym("data export builtin --out", tmp_path / "builtin-tasks.jsonl") == 0
+    succeeds("data export builtin --out", tmp_path / "builtin-tasks.jsonl")
     dataset = mlcroissant.Dataset(jsonld=str(tmp_path / "croissant.json"))
     assert not dataset.metadata.ctx.issues.errors
     assert not dataset.metadata.ctx.issues.warnings

@@ -19,7 +19,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import Episode, datasets
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 
 Collect = Callable[..., Any]
 PARTS = {
@@ -35,7 +35,7 @@ def collect(tmp_path) -> Collect:
     """Writes an npz file with `lilgym-mp data collect` and reads it."""
 
     def collected(arguments):
-        assert lilgym(f"data collect {arguments} --split dev --force --out", tmp_path / "own.npz") == 0
+        succeeds(f"data collect {arguments} --split dev --force --out", tmp_path / "own.npz")
         with np.load(tmp_path / "own.npz") as file:
             return dict(file)
 
@@ -121,14 +121,14 @@ def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
 def test_files__of_equal_options_and_seeds_are_equal(tmp_path):
     first, again = tmp_path / "first.jsonl.gz", tmp_path / "again.jsonl.gz"
     for place in (first, again):
-        assert lilgym("data collect ScatterScratch --episodes 7 --seed 3 --out", place) == 0
+        succeeds("data collect ScatterScratch --episodes 7 --seed 3 --out", place)
     assert first.read_bytes() == again.read_bytes()
 
 
 def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, tmp_path):
     command = "TowerFlipIt --episodes 3 --optimal-actions"
     arrays = collect(command)
-    assert lilgym(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz") == 0
+    succeeds(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz")
     with gzip.open(tmp_path / "own.jsonl.gz", "rt", encoding="utf-8") as file:
         rows = [json.loads(line) for line in file]
     assert [row["statement"] for row in rows] == arrays["statement"].tolist()
@@ -140,7 +140,7 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, 
 def test_parquet__holds_the_rows_of_json_lines(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     for name in ("own.parquet", "own.jsonl"):
-        assert lilgym("data collect TowerScratch --episodes 4 --observation structured --out", tmp_path / name) == 0
+        succeeds("data collect TowerScratch --episodes 4 --observation structured --out", tmp_path / name)
     rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
     assert parquet.read_table(tmp_path / "own.parquet").to_pylist() == rows
 
@@ -151,17 +151,15 @@ def test_parquet__holds_the_rows_of_json_lines(tmp_path):
 def test_recordings__become_a_data_set(tmp_path, capsys):
     out = tmp_path / "own.npz"
     played = "evaluate --policy random-legal --configuration TowerScratch ScatterScratch --record"
-    assert lilgym(played, tmp_path / "runs") == 0
+    succeeds(played, tmp_path / "runs")
     command = f"data from-recordings {tmp_path / 'runs'} --out {out}"
-    assert lilgym(command) == 2
-    assert "episodes of ScatterScratch, TowerScratch cannot be one data set; choose with" in capsys.readouterr().err
+    assert "episodes of ScatterScratch, TowerScratch cannot be one data set; choose with" in error_of(capsys, command)
     assert not out.exists()
-    assert lilgym(f"{command} --configuration TowerScratch") == 0
+    succeeds(f"{command} --configuration TowerScratch")
     with np.load(out) as found:
         assert found["task"].tolist() == list(load_tasks("builtin", "tower", "scratch", "dev").ids)
         assert set(found["agent"]) == {"random legal"}
-    assert lilgym(f"{command} --configuration TowerFlipIt --force") == 2
-    assert "no finished episodes of TowerFlipIt" in capsys.readouterr().err
+    assert "no finished episodes of TowerFlipIt" in error_of(capsys, f"{command} --configuration TowerFlipIt --force")
 
 
 def test_played_episodes__become_a_data_set(tmp_path):
@@ -172,7 +170,7 @@ def test_played_episodes__become_a_data_set(tmp_path):
         for actions, outcome in (([3, 0], "success"), ([3], None)):  # 3 adds a blue block
             played = {"id": str(outcome), "configuration": "TowerScratch", "actions": actions, "outcome": outcome}
             database.save_episode(connection, database.PlayedEpisode(**fields, **played))
-    assert lilgym(f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz") == 0
+    succeeds(f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz")
     with np.load(tmp_path / "own.npz") as found:
         assert (found["agent"].tolist(), found["action"].tolist()) == (["Ada"], [3, 0])
 
@@ -219,8 +217,7 @@ def test_rollouts__that_end_differently_are_refused():
 def test_collect__names_the_mistake(options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old.npz").write_bytes(b"precious")
-    assert lilgym(f"data collect TowerFlipIt {options}") == 2
-    assert message in capsys.readouterr().err
+    assert message in error_of(capsys, f"data collect TowerFlipIt {options}")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
 
 
@@ -238,8 +235,9 @@ def test_file__does_not_remain_if_the_disk_is_full(tmp_path, monkeypatch, capsys
 
 def test_minari__missing_is_an_error_before_any_work(monkeypatch, capsys):
     monkeypatch.setattr(datasets, "find_spec", lambda name: None)
-    assert lilgym("data collect TowerFlipIt --minari lilgym/own-v0") == 2
-    assert 'needs Minari: pip install "minari[hdf5]' in capsys.readouterr().err
+    assert 'needs Minari: pip install "minari[hdf5]' in error_of(
+        capsys, "data collect TowerFlipIt --minari lilgym/own-v0"
+    )
 
 
 @pytest.fixture
@@ -251,7 +249,7 @@ def minari(tmp_path, monkeypatch) -> Any:
 @pytest.mark.parametrize("form", PARTS)
 def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
     command = f"data collect TowerFlipIt --episodes 5 --minari lilgym/own-v0 --observation {form}"
-    assert lilgym(command) == 0
+    succeeds(command)
     dataset = minari.load_dataset("lilgym/own-v0")
     env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
     assert (env.unwrapped.tasks.provenance.split, eval_env.unwrapped.tasks.provenance.split) == ("train", "dev")
@@ -268,13 +266,13 @@ def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
             assert np.array_equal(action_masks(env), episode.infos["legal"][step])
             observed, *_, info = env.step(int(action))
         assert info["is_success"]
-    assert lilgym(command) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in error_of(capsys, command)
 
 
 def test_minari__a_name_without_version_is_refused_before_any_episode(minari, capsys):
-    assert lilgym("data collect TowerFlipIt --minari tower-expert") == 2
-    assert "'tower-expert' cannot name a Minari data set" in capsys.readouterr().err
+    assert "'tower-expert' cannot name a Minari data set" in error_of(
+        capsys, "data collect TowerFlipIt --minari tower-expert"
+    )
 
 
 def test_minari__leaves_no_files_if_writing_fails(minari, tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 from tests.scripts import load_script
 
 RUNS = Path(__file__).parents[2] / "docs" / "results" / "runs.csv"
@@ -184,7 +184,7 @@ def test_write__rejects_a_header_with_another_episode_count(recording, tmp_path)
 
 def test_recording_metadata__is_next_to_every_recording(tmp_path):
     command = f"evaluate --policy random-legal expert --configuration TowerScratch --record {tmp_path}"
-    assert lilgym(command) == 0
+    succeeds(command)
     recordings = list(tmp_path.glob(f"*{SUFFIX}"))
     assert len(recordings) == 2
     for recording in recordings:
@@ -206,7 +206,7 @@ def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path):
 @pytest.mark.long
 def test_results__random_rows_have_the_published_digest(official_data, tmp_path):
     command = "evaluate --corpus lilgym --optimal --policy random-legal random-type --passes 5 --record"
-    assert lilgym(command, tmp_path, "--configuration", *CONFIGURATIONS) == 0
+    succeeds(command, tmp_path, "--configuration", *CONFIGURATIONS)
     digest = load_script("digest_recordings").digest(tmp_path)
     row = next(line for line in RUNS.read_text(encoding="utf-8").splitlines() if line.startswith('"8, 9"'))
     assert row.endswith(digest)

@@ -11,7 +11,7 @@ from gymnasium.wrappers.vector import DictInfoToList
 from lilgym_mp.evaluation import Settings, evaluate, evaluate_wrapped
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.wrappers import flat_observation_v0, stop_forcing_v0, structured_observation_v0
-from tests.command_line import lilgym
+from tests.command_line import error_of
 
 SETTINGS = Settings("TowerFlipIt")
 
@@ -50,6 +50,5 @@ def test_evaluate__of_a_model_with_another_policy_names_the_function(algorithm, 
     chosen = {"PPO": PPO, "MaskablePPO": sb3_contrib.MaskablePPO}[algorithm]
     env = make_vec_env(SETTINGS.id, wrap=lambda envs: flat_observation_v0(structured_observation_v0(envs)))
     chosen("MlpPolicy", env, n_steps=2, batch_size=2, policy_kwargs={"net_arch": [4]}).save(tmp_path / "own.zip")
-    assert lilgym(f"evaluate {tmp_path / 'own.zip'} --trust") == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = error_of(capsys, f"evaluate {tmp_path / 'own.zip'} --trust").splitlines()
     assert "lilgym_mp.evaluation.evaluate_wrapped" in line

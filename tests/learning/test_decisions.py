@@ -13,7 +13,7 @@ from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
-from tests.command_line import lilgym
+from tests.command_line import lilgym, succeeds
 
 TOWER = Settings("TowerFlipIt")
 SMALL = PPORecipe(
@@ -69,13 +69,13 @@ def test_parse_and_plan__records_the_programs_it_planned_for():
 
 def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
     command = f"evaluate --policy expert --configuration TowerScratch --record {tmp_path}"
-    assert lilgym(f"{command} --record-decisions --judge-decisions") == 0
+    succeeds(f"{command} --record-decisions --judge-decisions")
     (file,) = tmp_path.glob("*.episodes.jsonl.gz")
     decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
     assert decisions
     assert all(decision.optimal for decision in decisions)
     assert "--record-decisions" in json.loads(next(tmp_path.glob("*.metadata.json")).read_text())["command"]
-    assert lilgym(f"{command} --force") == 0
+    succeeds(f"{command} --force")
     assert all(episode.decisions is None for episode in read_episodes(file).episodes)
     capsys.readouterr()
 

@@ -20,7 +20,7 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.learners import LEARNERS, Learner, find_learner, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, save_model
 from lilgym_mp.learning.common.recipes import Recipe, RunOptions, setting
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def guessing(monkeypatch) -> Iterator[list[dict[str, Any]]]:
 
 
 def test_new_learner__has_a_train_command(guessing, tmp_path):
-    assert lilgym("train guessing TowerFlipIt --boldness 0.25 --updates 1e1 --out", tmp_path) == 0
+    succeeds("train guessing TowerFlipIt --boldness 0.25 --updates 1e1 --out", tmp_path)
     (given,) = guessing
     assert (given["settings"], given["recipe"]) == (EnvConfig("TowerFlipIt"), Guesses(boldness=0.25))
     assert (given["updates"], given["out"], given["threads"]) == (10, tmp_path, 1)

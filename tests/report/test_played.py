@@ -12,7 +12,7 @@ from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation.files import EpisodesError
-from tests.command_line import lilgym
+from tests.command_line import error_of, succeeds
 from tests.corpora import entry
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
@@ -29,7 +29,7 @@ def corpus(tmp_path) -> Path:
 @pytest.fixture
 def run(corpus, tmp_path) -> Path:
     """A run of a text agent whose last episode ended with an answer without an action."""
-    assert lilgym(f"llm play TowerScratch --agent expert --corpus {corpus} --out", tmp_path / "run") == 0
+    succeeds(f"llm play TowerScratch --agent expert --corpus {corpus} --out", tmp_path / "run")
     path = tmp_path / "run" / "transcripts.jsonl"
     *lines, last = path.read_text().splitlines()
     changed = json.loads(last) | {"outcome": "not_understood", "actions": []}
@@ -40,7 +40,7 @@ def run(corpus, tmp_path) -> Path:
 def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --record"
-    assert lilgym(command, tmp_path / "recorded") == 0
+    succeeds(command, tmp_path / "recorded")
     fields = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch"}
     played = [("Ada", "t0", [3, 0], "success"), ("Ada", "t0", [0], "wrong_stop"), ("Bo", "t1", [0], "wrong_stop")]
     with database.Database(tmp_path / "web.sqlite3").write() as connection:
@@ -88,8 +88,9 @@ def test_episodes__of_an_edited_corpus_are_refused(run, corpus, tmp_path, capsys
     corpus.write_text(corpus.read_text().replace("There is a blue block.", "There is no such block."))
     with pytest.raises(EpisodesError, match="was played with other tasks"):
         conversations(run)
-    assert lilgym(f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz") == 2
-    assert "was 'There is a blue block.' when it was played" in capsys.readouterr().err
+    assert "was 'There is a blue block.' when it was played" in error_of(
+        capsys, f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz"
+    )
     with pytest.raises(EpisodesError, match="when it was played"):
         load_report_data([tmp_path / "web.sqlite3"])
 

@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from matplotlib.container import BarContainer
 
-from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.contrib.report import ReportError, make_report, paper, writing
 from lilgym_mp.contrib.report import items as report_items
 from lilgym_mp.contrib.report.aggregation import (
@@ -35,7 +34,7 @@ from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
-from tests.command_line import lilgym
+from tests.command_line import error_of, succeeds
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -242,8 +241,7 @@ def cut(path: Path) -> None:
 )
 def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(tmp_path, capsys, prepare, said):
     prepare(tmp_path / "kept")
-    assert lilgym(f"report {tmp_path / 'kept'} --out", tmp_path / "out") == USAGE_ERROR
-    assert said in capsys.readouterr().err
+    assert said in error_of(capsys, f"report {tmp_path / 'kept'} --out", tmp_path / "out")
     assert [path.name for path in tmp_path.iterdir() if path.name != "kept"] == []
 
 
@@ -378,7 +376,7 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
 def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
-    assert lilgym(f"{command} --record {kept} --out", results) == 0
+    succeeds(f"{command} --record {kept} --out", results)
     found = load_report_data([kept])
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")

@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.contrib.rlvr import KINDS, Row
 from lilgym_mp.wrappers.text import image_part, picture
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 
 
 def written(path: Path, *lines: object) -> str:
@@ -20,7 +20,7 @@ def written(path: Path, *lines: object) -> str:
 
 def rows_of(prompts: Path, options: str) -> list[Any]:
     """The rows that `lilgym-mp llm prompts OPTIONS` writes."""
-    assert lilgym(f"llm prompts {options} --out", prompts) == 0
+    succeeds(f"llm prompts {options} --out", prompts)
     return [json.loads(line) for line in prompts.read_text().splitlines()]
 
 
@@ -29,11 +29,10 @@ def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
     command = f"--kind {kind} --level 2 --episodes 4"
     assert [set(row) & {"prompt", "answer"} for row in rows_of(prompts, command)] == [{"prompt"}] * 4
-    assert lilgym(f"llm prompts {command} --out", prompts) == 2
-    assert "--force overwrites it" in capsys.readouterr().err
+    assert "--force overwrites it" in error_of(capsys, f"llm prompts {command} --out", prompts)
     answered = rows_of(prompts, f"{command} --expert-answers --force")
     replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in answered[:3]))
-    assert lilgym(f"llm score {prompts} --answers {replies} --out", tmp_path / "scores.json") == 0
+    succeeds(f"llm score {prompts} --answers {replies} --out", tmp_path / "scores.json")
     assert lilgym(f"llm score {prompts} --answers {replies} --out", replies) == 2
     shown = capsys.readouterr().out
     assert "success   75.0% (3 of 4; 95 % interval over statements " in shown
@@ -51,7 +50,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path):
 
     def summary(*lines):
         answers = written(tmp_path / "replies.jsonl", *lines)
-        assert lilgym(f"llm score {prompts} --answers {answers} --force --out", scores) == 0
+        succeeds(f"llm score {prompts} --answers {answers} --force --out", scores)
         return json.loads(scores.read_text())
 
     once = summary(*[right] * 500)
@@ -76,9 +75,9 @@ def test_score__thoughts_are_a_list_that_can_be_set(tmp_path, capsys):
     wrong = {"true": "false", "false": "true"}[row["answer"]]
     answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
     command = f"llm score {prompts} --answers {answers}"
-    assert lilgym(command) == 0
+    succeeds(command)
     assert "not_understood 1" in capsys.readouterr().out
-    assert lilgym(f"{command} --thoughts hm") == 0
+    succeeds(f"{command} --thoughts hm")
     assert "success   100.0%" in capsys.readouterr().out
 
 
@@ -88,7 +87,7 @@ def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(tmp_p
     nan = {"id": first["id"], "reply": float("nan")}
     cut = {"id": second["id"], "reply": second["answer"], "finish_reason": "length"}
     answers = written(tmp_path / "a", nan, nan, cut)
-    assert lilgym(f"llm score {prompts} --answers {answers}") == 0
+    succeeds(f"llm score {prompts} --answers {answers}")
     assert "outcomes  cut 1, not_understood 1" in capsys.readouterr().out
 
 

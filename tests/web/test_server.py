@@ -16,7 +16,7 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.contrib.web.database import Database, DatabaseError
 from lilgym_mp.corpus.extras import install
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym
 from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx")
@@ -258,8 +258,7 @@ def test_command__what_cannot_be_served_is_reported_in_one_line(
     with closing(hold(tmp_path)) if hold else nullcontext() as held:
         port = held.getsockname()[1] if isinstance(held, socket.socket) else 0
         options = {"--port": 0, "--database": tmp_path / "web.sqlite3", option: value.format(tmp_path, port=port)}
-        assert lilgym("serve", *(word for pair in options.items() for word in pair)) == USAGE_ERROR
-    error = capsys.readouterr().err
+        error = error_of(capsys, "serve", *(word for pair in options.items() for word in pair))
     assert said in error
     assert error.count("\n") == 1
 

@@ -34,7 +34,7 @@ from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
-from tests.command_line import lilgym
+from tests.command_line import error_of, lilgym, succeeds
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
@@ -210,12 +210,12 @@ SMALL_RUN = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --no-recol
 def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys):
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
     audit = f"train game TowerScratch --protocol audit --rewards '{rewards}' --seed 3 {SMALL_RUN} --out"
-    assert lilgym(audit, tmp_path / "audit") == 0
+    succeeds(audit, tmp_path / "audit")
     shown = capsys.readouterr().out
     assert "proposer_0 and verifier_0 learn" in shown
     assert "lilgym-mp evaluate" in shown
     assert load_agent(tmp_path / "audit" / "agent.safetensors").recipe.seed == 3
-    assert lilgym(audit, tmp_path / "against", "--verifiers", tmp_path / "audit") == 0
+    succeeds(audit, tmp_path / "against", "--verifiers", tmp_path / "audit")
     assert load_agent(tmp_path / "against" / "agent.safetensors").partner(Role.VERIFIER) is None
 
 
@@ -230,6 +230,5 @@ def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys
 )
 def test_command__wrong_options_are_reported(wrong, error, tmp_path, capsys):
     command = f"train game TowerFlipIt --protocol joint {SMALL_RUN} {wrong} --out"
-    assert lilgym(command, tmp_path / "bad") == 2
-    assert error in capsys.readouterr().err
+    assert error in error_of(capsys, command, tmp_path / "bad")
     assert not (tmp_path / "bad").exists()

@@ -29,7 +29,7 @@ from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
-from tests.command_line import lilgym
+from tests.command_line import succeeds
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
@@ -108,7 +108,7 @@ def test_own_protocols_and_terms__train_and_play_by_name(tmp_path, monkeypatch):
     monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
     rewards = json.dumps({"proposer_0": {"mdp": 1, "boldness": 0.1}, "verifier_0": "correctness"})
     small = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --width 16 --steps 64"
-    assert lilgym(f"train game TowerScratch --protocol claims --rewards '{rewards}' {small} --out", tmp_path) == 0
+    succeeds(f"train game TowerScratch --protocol claims --rewards '{rewards}' {small} --out", tmp_path)
     env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
     agent = open_agent(tmp_path, "cpu")
     assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
@@ -194,7 +194,7 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path, three):
     train_game(settings, recipe, tmp_path, steps=40_960, device="cpu", verifiers=[Path("guide")])
     success = []
     for messages in ("", "--messages silenced"):
-        assert lilgym(f"evaluate {tmp_path} {messages} --force --out", tmp_path / "found.json") == 0
+        succeeds(f"evaluate {tmp_path} {messages} --force --out", tmp_path / "found.json")
         found = json.loads((tmp_path / "found.json").read_text())["results"]
         success += [entry["success"] for entry in found if entry["verifier"] == "guide"]
     told, silent = success
