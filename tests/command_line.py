@@ -18,6 +18,12 @@ def succeeds(command: str, *more: object) -> None:
     assert lilgym(command, *more) == 0
 
 
+def output_of(capsys: Any, command: str, *more: object) -> str:
+    """What a command that must succeed prints."""
+    succeeds(command, *more)
+    return capsys.readouterr().out
+
+
 def error_of(capsys: Any, command: str, *more: object) -> str:
     """What a command that must be refused as wrongly used prints on the standard error stream."""
     assert lilgym(command, *more) == USAGE_ERROR

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.cli import bench
 from lilgym_mp.cli.bench import EPISODE_ACTIONS, FIXED, Workload
 from lilgym_mp.evaluation import Settings
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
@@ -47,8 +47,9 @@ def few_actions(monkeypatch) -> None:
 @pytest.mark.usefixtures("few_actions")
 def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(capsys, monkeypatch):
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: player.steps / player.play())
-    succeeds("bench --quick --configuration TowerScratch --only batched single pettingzoo --num-envs 2 16")
-    printed = capsys.readouterr().out
+    printed = output_of(
+        capsys, "bench --quick --configuration TowerScratch --only batched single pettingzoo --num-envs 2 16"
+    )
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines() if line.startswith("| ")]
     megabytes = {(way, workload, envs): float(cell) for way, workload, envs, *_, cell in rows[1:] if cell != "-"}
     assert megabytes["batched", FIXED, "16"] > 16 * 28_500 / 1e6, "an image each"

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lilgym_mp.cli import COMMANDS, USAGE_ERROR, parse_args
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of
 
 ERRORS = {
     "evaluate --seed 1 --seed 2": "argument --seed: given more than once",
@@ -89,8 +89,9 @@ def test_missing_package__error_names_what_to_install(tmp_path, monkeypatch, cap
 
 
 def test_explain_program__shows_truth_and_satisfying_items(capsys):
-    succeeds("explain --task tower-dev-001 --program 'exist(filter_obj(all_items, lambda x: is_blue(x)))'")
-    shown = capsys.readouterr().out
+    shown = output_of(
+        capsys, "explain --task tower-dev-001 --program 'exist(filter_obj(all_items, lambda x: is_blue(x)))'"
+    )
     assert '"I can see a blue block."' in shown
     assert "= False" in shown
     assert "satisfied by none of 0" in shown
@@ -98,8 +99,7 @@ def test_explain_program__shows_truth_and_satisfying_items(capsys):
 
 @pytest.mark.parametrize("source", ["exist(filter_obj(all_items, is_blue))", "is_blue(unique(all_items))"])
 def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(source, capsys):
-    succeeds("explain --configuration ScatterScratch --program", source)
-    output = capsys.readouterr().out
+    output = output_of(capsys, "explain --configuration ScatterScratch --program", source)
     assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
     assert "= False" in output
 

@@ -9,7 +9,7 @@ from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.results import training_statements
-from tests.command_line import succeeds
+from tests.command_line import output_of, succeeds
 from tests.corpora import entry
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
@@ -24,8 +24,7 @@ def write_entries(path: Path, *entries: tuple[str, str, str]) -> str:
 def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsys):
     corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
-    succeeds(command, tmp_path / "out.json")
-    assert "expert, TowerScratch: 1 tasks failed: " in capsys.readouterr().out
+    assert "expert, TowerScratch: 1 tasks failed: " in output_of(capsys, command, tmp_path / "out.json")
     (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
     blue, never = row["items"]
     assert (blue["program"], blue["outcome"], blue["actions"][-1]) == (BLUE, "success", "STOP")

@@ -21,7 +21,7 @@ from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
@@ -110,8 +110,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, caps
     teacher = "{out}/runs/teacher-{seed}"
     """
     file = write_file(tmp_path / "a.toml", text)
-    succeeds(f"experiment {file} --out here --list")
-    training = capsys.readouterr().out.splitlines()[::2]
+    training = output_of(capsys, f"experiment {file} --out here --list").splitlines()[::2]
     assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
@@ -366,8 +365,7 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, capsys
     assert changed == {"policies", "logs", "finished"}
     capsys.readouterr()
     run = place / "runs" / "ppo-TowerScratch-0"  # already recorded, so not evaluated again
-    succeeds(f"report {place / 'episodes'} {run} --out", tmp_path / "report")
-    assert "episodes:" not in capsys.readouterr().out
+    assert "episodes:" not in output_of(capsys, f"report {place / 'episodes'} {run} --out", tmp_path / "report")
     page = (tmp_path / "report" / "index.html").read_text()
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page

@@ -7,7 +7,7 @@ import pytest
 
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.wrappers import tokenized_statement_v0
-from tests.command_line import succeeds
+from tests.command_line import output_of
 from tests.corpora import entry
 
 STATEMENT = "A blue block crowns some box."
@@ -26,8 +26,7 @@ def corpus(tmp_path, split) -> str:
 
 
 def test_evaluate__counts_no_statement_as_seen_or_unseen(corpus, split, capsys):
-    succeeds(f"evaluate --policy expert --corpus {corpus} --split {split}")
-    output = capsys.readouterr().out
+    output = output_of(capsys, f"evaluate --policy expert --corpus {corpus} --split {split}")
     assert "100.0 %" in output
     assert "seen" not in output
 

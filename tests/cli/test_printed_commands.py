@@ -13,7 +13,7 @@ import pytest
 from lilgym_mp.contrib.report.behaviour import film_strip
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import RunDirectory
-from tests.command_line import lilgym, succeeds
+from tests.command_line import lilgym, output_of, succeeds
 from tests.corpora import write_own_corpus
 
 pytest.importorskip("matplotlib")  # of reports
@@ -72,5 +72,4 @@ def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     recording = read_episodes(file)
     title, _ = film_strip(recording, recording.episodes[0], "any")
     monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
-    succeeds(title.partition("lilgym-mp ")[2])
-    assert recording.episodes[0].statement in capsys.readouterr().out
+    assert recording.episodes[0].statement in output_of(capsys, title.partition("lilgym-mp ")[2])

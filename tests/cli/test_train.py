@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,9 +20,8 @@ from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds
 
-Shown = Callable[..., str]
 SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
 
@@ -49,17 +47,6 @@ def trained_run(own, tmp_path_factory) -> Path:
 def run(trained_run, tmp_path) -> Path:
     """A copy of the PPO run."""
     return shutil.copytree(trained_run, tmp_path / "run")
-
-
-@pytest.fixture
-def shown(capsys) -> Shown:
-    """Runs a command and returns its standard output."""
-
-    def run(command, *more):
-        succeeds(command, *more)
-        return capsys.readouterr().out
-
-    return run
 
 
 def test_train__options_override_the_recipe(tmp_path, own):
@@ -144,8 +131,8 @@ def names(output: str) -> list[str]:
     return [line.split("  ")[0] for block in blocks for line in block[2:]]
 
 
-def test_evaluate__compares_the_agent_with_random_policies(shown, tmp_path, run, own):
-    output = shown(f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
+def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run, own):
+    output = output_of(capsys, f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     ppo = f"ppo ({run})"
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert "\nTowerScratch, 3 episodes\n" in output
@@ -159,18 +146,18 @@ def test_evaluate__compares_the_agent_with_random_policies(shown, tmp_path, run,
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_parse_and_plan__is_trained_and_explains(shown, tmp_path, own):
+def test_parse_and_plan__is_trained_and_explains(capsys, tmp_path, own):
     small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
-    output = shown(f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
+    output = output_of(capsys, f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
     assert f"lilgym-mp evaluate {tmp_path} --corpus {own}" in output
-    output = shown("explain 'There is a blue block.' --agent", tmp_path)
+    output = output_of(capsys, "explain 'There is a blue block.' --agent", tmp_path)
     assert "parsed words: there is a blue block" in output
     assert "predicted probability of success:" in output
 
 
-def test_explain__explains_a_task_with_its_outcome(shown):
+def test_explain__explains_a_task_with_its_outcome(capsys):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
-    output = shown("explain --task", task.id)
+    output = output_of(capsys, "explain --task", task.id)
     assert "outcome: " in output
     explained, *drawn = output.split("\n 0   1   2")
     assert task.statement in explained
@@ -178,9 +165,9 @@ def test_explain__explains_a_task_with_its_outcome(shown):
     assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
 
 
-def test_explain__parses_the_statements_of_a_file(shown, tmp_path):
+def test_explain__parses_the_statements_of_a_file(capsys, tmp_path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
-    block, blank, zorblax = json.loads(shown("explain --json --file", tmp_path / "own.txt"))
+    block, blank, zorblax = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.txt"))
     assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     assert (blank["line"], blank["statement"], blank["programs"]) == (2, "", [])
@@ -189,9 +176,9 @@ def test_explain__parses_the_statements_of_a_file(shown, tmp_path):
     assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
 
 
-def test_explain__reads_a_csv_file_by_its_header(shown, tmp_path):
+def test_explain__reads_a_csv_file_by_its_header(capsys, tmp_path):
     (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
-    found = json.loads(shown("explain --json --file", tmp_path / "own.csv"))
+    found = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv"))
     assert [(each["line"], each["id"], each["statement"]) for each in found] == [
         (2, "7", "There is a blue block."),
         (4, "", ""),
@@ -202,8 +189,8 @@ def test_explain__reads_a_csv_file_by_its_header(shown, tmp_path):
         list(_sentences(tmp_path / "own.csv"))
 
 
-def test_explain__says_that_nothing_was_understood_without_readings(shown):
-    output = shown("explain 'asdf qwerty' --false")
+def test_explain__says_that_nothing_was_understood_without_readings(capsys):
+    output = output_of(capsys, "explain 'asdf qwerty' --false")
     assert "nothing was understood" in output
     assert "satisfied" not in output
     assert "probability of success" not in output
@@ -220,9 +207,9 @@ def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 
-def test_evaluate__records_each_action_mode(shown, tmp_path, run, own):
+def test_evaluate__records_each_action_mode(capsys, tmp_path, run, own):
     command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
-    assert ", sampled " in shown(f"{command} --policy random-type")
+    assert ", sampled " in output_of(capsys, f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {
         *(("mine", actions, True) for actions in ("greedy", "sampled")),

@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.contrib.rlvr import KINDS, Row
 from lilgym_mp.wrappers.text import image_part, picture
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds
 
 
 def written(path: Path, *lines: object) -> str:
@@ -75,10 +75,8 @@ def test_score__thoughts_are_a_list_that_can_be_set(tmp_path, capsys):
     wrong = {"true": "false", "false": "true"}[row["answer"]]
     answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
     command = f"llm score {prompts} --answers {answers}"
-    succeeds(command)
-    assert "not_understood 1" in capsys.readouterr().out
-    succeeds(f"{command} --thoughts hm")
-    assert "success   100.0%" in capsys.readouterr().out
+    assert "not_understood 1" in output_of(capsys, command)
+    assert "success   100.0%" in output_of(capsys, f"{command} --thoughts hm")
 
 
 def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(tmp_path, capsys):
@@ -87,8 +85,7 @@ def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(tmp_p
     nan = {"id": first["id"], "reply": float("nan")}
     cut = {"id": second["id"], "reply": second["answer"], "finish_reason": "length"}
     answers = written(tmp_path / "a", nan, nan, cut)
-    succeeds(f"llm score {prompts} --answers {answers}")
-    assert "outcomes  cut 1, not_understood 1" in capsys.readouterr().out
+    assert "outcomes  cut 1, not_understood 1" in output_of(capsys, f"llm score {prompts} --answers {answers}")
 
 
 def test_score__bad_input_is_one_line(tmp_path, capsys):

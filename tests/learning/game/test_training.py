@@ -34,7 +34,7 @@ from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
-from tests.command_line import error_of, lilgym, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
@@ -210,8 +210,7 @@ SMALL_RUN = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --no-recol
 def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys):
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
     audit = f"train game TowerScratch --protocol audit --rewards '{rewards}' --seed 3 {SMALL_RUN} --out"
-    succeeds(audit, tmp_path / "audit")
-    shown = capsys.readouterr().out
+    shown = output_of(capsys, audit, tmp_path / "audit")
     assert "proposer_0 and verifier_0 learn" in shown
     assert "lilgym-mp evaluate" in shown
     assert load_agent(tmp_path / "audit" / "agent.safetensors").recipe.seed == 3
