@@ -11,6 +11,7 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import entry, register_as_official, small_entries, write_released
+from tests.json_files import read_json
 
 Run = Callable[..., str]
 
@@ -122,7 +123,7 @@ def test_split__names_its_corpus_by_a_path_relative_to_its_own(data, own, tmp_pa
     lists.parent.mkdir()
     data("split", own, "--by", "form", "--out", lists)
     assert "no faults" in data("check", lists)
-    written = json.loads(lists.read_text())
+    written = read_json(lists)
     written["statements"]["tower train"] += ["of an earlier version"]
     lists.write_text(json.dumps(written))
     with pytest.raises(

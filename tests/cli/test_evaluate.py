@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from lilgym_mp.corpus import load_tasks, write_corpus
@@ -11,6 +10,7 @@ from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.results import training_statements
 from tests.command_line import output_of, succeeds
 from tests.corpora import entry
+from tests.json_files import read_json
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 NEVER = f"{BLUE} and not {BLUE}"
@@ -25,7 +25,7 @@ def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsy
     corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
     assert "expert, TowerScratch: 1 tasks failed: " in output_of(capsys, command, tmp_path / "out.json")
-    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    (row,) = read_json(tmp_path / "out.json")["results"]
     blue, never = row["items"]
     assert (blue["program"], blue["outcome"], blue["actions"][-1]) == (BLUE, "success", "STOP")
     assert (never["task"], never["outcome"] == "success") == ("t1", False)
@@ -36,7 +36,7 @@ def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
     entries = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
     corpus = write_entries(tmp_path / "own.jsonl", *entries)
     succeeds(f"evaluate parse-and-plan --parses --corpus {corpus} --out", tmp_path / "out.json")
-    (written,) = json.loads((tmp_path / "out.json").read_text()).values()
+    (written,) = read_json(tmp_path / "out.json").values()
     assert written["totals"][0]["statements"] == 2
     right, wrong = written["items"]
     assert (right["program"], right["equal_truth"], right["form_seen"]) == (known.program, True, True)
@@ -57,5 +57,5 @@ def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path):
     assert trained_on({"corpus": str(tmp_path / "gone.jsonl")}) == set()
     command = f"evaluate parse-and-plan --alone --configuration TowerScratch --corpus {corpus} --out"
     succeeds(command, tmp_path / "out.json")
-    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    (row,) = read_json(tmp_path / "out.json")["results"]
     assert (row["episodes_seen"], row["episodes_unseen"]) == (1, 0)

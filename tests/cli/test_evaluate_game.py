@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
 from tests.command_line import error_of, succeeds
+from tests.json_files import read_json
 
 
 class Trained(Agent):
@@ -44,7 +44,7 @@ class Single(Agent):
 def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, Any]]:
     """What `lilgym-mp evaluate ARGUMENTS` writes in the directory, by proposer and verifier."""
     succeeds(f"evaluate {arguments} --force --out", directory / "results.json")
-    found = json.loads((directory / "results.json").read_text())["results"]
+    found = read_json(directory / "results.json")["results"]
     return {(entry["proposer"], entry["verifier"]): entry for entry in found}
 
 
@@ -96,7 +96,7 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path,
 def test_run__plays_the_requested_configurations(tmp_path, runs):
     runs["a"] = Trained("builtin")  # on TowerScratch
     succeeds("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json")
-    entries = json.loads((tmp_path / "results.json").read_text())["results"]
+    entries = read_json(tmp_path / "results.json")["results"]
     assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == ["TowerFlipIt", "TowerScratch"]
 
 
@@ -141,5 +141,5 @@ def test_actions__are_greedy_sampled_or_both(tmp_path, own, runs):
     runs["a"] = Sampled(own)
     succeeds("evaluate a --actions greedy sampled --out", tmp_path / "results.json")
     assert asked == [False, False, True, True]
-    entries = json.loads((tmp_path / "results.json").read_text())["results"]
+    entries = read_json(tmp_path / "results.json")["results"]
     assert [entry["actions"] for entry in entries][::5] == ["greedy", "sampled"]

@@ -23,6 +23,7 @@ from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
 from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.corpora import small_entries, write_own_corpus
+from tests.json_files import read_json
 
 FILES = Path(__file__).parents[2] / "experiments"
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
@@ -195,7 +196,7 @@ def test_experiment__trains_the_game_and_measures_it(tmp_path):
     file = write_file(tmp_path / "game.toml", head + game + FEW)
     succeeds(f"experiment {file} --out", tmp_path / "results")
     results = tmp_path / "results" / "episodes" / "audit-TowerScratch-0-dev.json"
-    found = {(one["verifier"], one["protocol"]) for one in json.loads(results.read_text())["results"]}
+    found = {(one["verifier"], one["protocol"]) for one in read_json(results)["results"]}
     assert found >= {("oracle", "audit"), ("target-only", "audit")}
 
 
@@ -338,7 +339,7 @@ def test_attempts__execute_the_commands_that_are_not_done(tmp_path):
     again = Script(plan[1], tmp_path, threads=1)
     execute([again], 1, lambda: None, 0.1)
     assert again.status is RunStatus.FINISHED
-    assert json.loads(again.marker.read_text())["commands"] == [["mine"], ["fine"], ["fine", "test"]]
+    assert read_json(again.marker)["commands"] == [["mine"], ["fine"], ["fine", "test"]]
 
 
 def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 
@@ -14,6 +13,7 @@ from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.command_line import error_of
+from tests.json_files import read_json
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 
@@ -31,7 +31,7 @@ def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own, tm
     train_ppo(settings, recipe, tmp_path, steps=32, device="cpu", resume=True)
     assert not open_agent(tmp_path).description.details["interrupted"]
     train_ppo(settings, recipe, tmp_path, steps=64, device="cpu", resume=True)
-    assert json.loads((tmp_path / "run.json").read_text())["options"]["steps"] == 64, "a budget given again is kept"
+    assert read_json(tmp_path / "run.json")["options"]["steps"] == 64, "a budget given again is kept"
 
 
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])

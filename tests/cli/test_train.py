@@ -21,6 +21,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
 from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.json_files import read_json, read_json_lines
 
 SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
@@ -52,7 +53,7 @@ def run(trained_run, tmp_path) -> Path:
 def test_train__options_override_the_recipe(tmp_path, own):
     options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
     succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path)
-    written = json.loads((tmp_path / "run.json").read_text())["identity"]
+    written = read_json(tmp_path / "run.json")["identity"]
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
@@ -80,7 +81,7 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monk
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
     succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path)
-    lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]
+    lines = read_json_lines(tmp_path / "progress.jsonl")
     losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
     assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
     assert losses
@@ -137,7 +138,7 @@ def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert "\nTowerScratch, 3 episodes\n" in output
     assert "rewards, and programs to exchange colours" in output
-    written = json.loads((tmp_path / "results.json").read_text())
+    written = read_json(tmp_path / "results.json")
     agent = written["results"][0]
     assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
     assert agent["supervision"].startswith("rewards, and programs to exchange colours (corpus")

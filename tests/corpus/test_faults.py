@@ -8,6 +8,7 @@ import json
 import pytest
 
 from lilgym_mp.corpus import CorpusError, NoTasksError, check_corpus, load_tasks
+from tests.json_files import read_json
 
 HEADER = b'{"format": "lilgym_mp-corpus", "version": 1, "name": "own", "licence": "MIT"}\n'
 GOOD_ENTRY = (
@@ -164,7 +165,7 @@ def test_check__all_faults_of_an_entry_are_reported_at_once(entries, written):
 
 def test_check__all_faults_of_a_released_entry_are_reported_at_once(released):
     path = released / "tower_flipit_test.json"
-    content = json.loads(path.read_text())
+    content = read_json(path)
     content["blue-yes"] |= {"sentence": " ", "lf": "exist(", "label": "maybe", "structured_rep": [[], []]}
     content["blue-no"] = {**content.pop("blue-no"), "sentence": 5, "label": "true"}
     path.write_text(json.dumps(content))

@@ -20,6 +20,7 @@ from lilgym_mp.evaluation import Episode, datasets
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import error_of, lilgym, succeeds
+from tests.json_files import read_json_lines
 
 Collect = Callable[..., Any]
 PARTS = {
@@ -141,7 +142,7 @@ def test_parquet__holds_the_rows_of_json_lines(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     for name in ("own.parquet", "own.jsonl"):
         succeeds("data collect TowerScratch --episodes 4 --observation structured --out", tmp_path / name)
-    rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
+    rows = read_json_lines(tmp_path / "own.jsonl")
     assert parquet.read_table(tmp_path / "own.parquet").to_pylist() == rows
 
 

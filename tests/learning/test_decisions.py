@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import pytest
@@ -14,6 +13,7 @@ from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.command_line import lilgym, succeeds
+from tests.json_files import read_json
 
 TOWER = Settings("TowerFlipIt")
 SMALL = PPORecipe(
@@ -74,7 +74,7 @@ def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
     decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
     assert decisions
     assert all(decision.optimal for decision in decisions)
-    assert "--record-decisions" in json.loads(next(tmp_path.glob("*.metadata.json")).read_text())["command"]
+    assert "--record-decisions" in read_json(next(tmp_path.glob("*.metadata.json")))["command"]
     succeeds(f"{command} --force")
     assert all(episode.decisions is None for episode in read_episodes(file).episodes)
     capsys.readouterr()

@@ -21,6 +21,7 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
 from lilgym_mp.wrappers.replies import THOUGHTS
+from tests.json_files import read_json
 from tests.llm.server import chat, served
 
 GUIDED = GameSettings("TowerScratch", protocol="critique", views="guide")
@@ -144,7 +145,7 @@ def test_command__cross_plays_the_model_with_scripted_partners_and_itself(tmp_pa
     with served(by_role) as (url, _):
         assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0
     shown = capsys.readouterr().out
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = read_json(tmp_path / "summary.json")
     pairs = {f"{each['proposer']} with {each['verifier']}" for each in summary["results"]}
     assert {"openai m with openai m", "openai m with oracle", "expert with openai m"} <= pairs
     assert {"openai m with ppo-tower", "ppo-tower with openai m", "random with oracle", "expert with random"} <= pairs
@@ -165,10 +166,10 @@ def test_command__continues_without_paying_twice(tmp_path, capsys):
         assert "1 games, not in the rates" in capsys.readouterr().out
         down.clear()
         before = len(asked)
-        whole = json.loads((tmp_path / "summary.json").read_text())
+        whole = read_json(tmp_path / "summary.json")
         assert main(arguments) == 0
         assert f"{before - 1} answers are there" in capsys.readouterr().out
-        summary = json.loads((tmp_path / "summary.json").read_text())
+        summary = read_json(tmp_path / "summary.json")
         assert summary["results"][0]["games"] == 3 == whole["results"][0]["games"] + 1
         assert len(asked) == summary["answers"] + 1
         assert main([*arguments, "--seed", "5"]) == 2

@@ -30,6 +30,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
+from tests.json_files import read_json, read_json_lines
 from tests.llm.server import chat, served
 
 TOWER = Settings("TowerFlipIt")
@@ -70,7 +71,7 @@ def answer_of(reply: Callable[[dict[str, Any], int], tuple[int, Any]], **options
 
 
 def summary_in(directory: Path) -> Any:
-    return json.loads((directory / "summary.json").read_text())
+    return read_json(directory / "summary.json")
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
@@ -229,7 +230,7 @@ def test_command__failing_in_every_episode_is_one_error(tmp_path, monkeypatch, c
     assert play(f"--agent failing --out {tmp_path}") == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
-    failed = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
+    failed = read_json_lines(tmp_path / "transcripts.jsonl")
     assert [message["role"] for message in failed[0]["messages"]] == ["system", "user", "assistant", "user"]
     assert "out of" in failed[0]["error"]
 
@@ -281,7 +282,7 @@ def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys):
     command = "--agent expert --episodes 1"
     assert play(command) == 0
     summary = Path("runs/llm-TowerFlipIt-expert/summary.json")
-    stored = json.loads(summary.read_text())
+    stored = read_json(summary)
     sha256 = stored["settings"]["tasks_sha256"]
     stored["settings"]["tasks_sha256"] = "other"
     summary.write_text(json.dumps(stored))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -35,6 +34,7 @@ from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
 from tests.command_line import error_of, succeeds
+from tests.json_files import read_json
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -378,7 +378,7 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys)
     command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
     succeeds(f"{command} --record {kept} --out", results)
     found = load_report_data([kept])
-    for row in json.loads(results.read_text())["results"]:
+    for row in read_json(results)["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
         assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
         reward = mean_where(entry.runs, lambda episode: episode.reward)

@@ -11,6 +11,7 @@ import pytest
 from lilgym_mp.contrib.rlvr import KINDS, Row
 from lilgym_mp.wrappers.text import image_part, picture
 from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.json_files import read_json, read_json_lines
 
 
 def written(path: Path, *lines: object) -> str:
@@ -21,7 +22,7 @@ def written(path: Path, *lines: object) -> str:
 def rows_of(prompts: Path, options: str) -> list[Any]:
     """The rows that `lilgym-mp llm prompts OPTIONS` writes."""
     succeeds(f"llm prompts {options} --out", prompts)
-    return [json.loads(line) for line in prompts.read_text().splitlines()]
+    return read_json_lines(prompts)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -37,7 +38,7 @@ def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     shown = capsys.readouterr().out
     assert "success   75.0% (3 of 4; 95 % interval over statements " in shown
     assert "outcomes  missing 1, success 3" in shown
-    summary = json.loads((tmp_path / "scores.json").read_text())
+    summary = read_json(tmp_path / "scores.json")
     assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)
 
 
@@ -51,7 +52,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path):
     def summary(*lines):
         answers = written(tmp_path / "replies.jsonl", *lines)
         succeeds(f"llm score {prompts} --answers {answers} --force --out", scores)
-        return json.loads(scores.read_text())
+        return read_json(scores)
 
     once = summary(*[right] * 500)
     assert (once["success"], once["pass"], once["replies"]) == (0.5, {}, 1)  # the second prompt has no reply

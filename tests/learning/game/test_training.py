@@ -35,6 +35,7 @@ from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
 from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
@@ -132,7 +133,7 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=heard.append)
     assert [progress.steps for progress in heard] == [64, 128] * 3
-    recorded = [json.loads(line) for line in (tmp_path / "a" / "progress.jsonl").read_text().splitlines()]
+    recorded = read_json_lines(tmp_path / "a" / "progress.jsonl")
     assert [line["steps"] for line in recorded] == [64, 128]
     assert equal(tmp_path / "a", tmp_path / "b")
     assert not equal(tmp_path / "a", tmp_path / "c")
@@ -167,7 +168,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
         trained(tmp_path / "third", proposers=[tmp_path / "alone"])
     veto = GameSettings(protocol="veto")
     trained(tmp_path / "scripted", settings=veto, verifiers=[Path("always-accept")])
-    identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
+    identity = read_json(tmp_path / "scripted" / "run.json")["identity"]
     assert identity["partners"] == {"verifier": ["always-accept"]}
     assert resumed(tmp_path / "scripted", "game", LEARNER, {}, {}, {})[2].verifiers == [Path("always-accept")]
     with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):

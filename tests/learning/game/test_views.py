@@ -30,6 +30,7 @@ from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
 from tests.command_line import succeeds
+from tests.json_files import read_json
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
@@ -195,7 +196,7 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path, three):
     success = []
     for messages in ("", "--messages silenced"):
         succeeds(f"evaluate {tmp_path} {messages} --force --out", tmp_path / "found.json")
-        found = json.loads((tmp_path / "found.json").read_text())["results"]
+        found = read_json(tmp_path / "found.json")["results"]
         success += [entry["success"] for entry in found if entry["verifier"] == "guide"]
     told, silent = success
     assert told > 0.9

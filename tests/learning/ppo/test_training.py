@@ -33,6 +33,7 @@ from lilgym_mp.learning.ppo.rollout import RolloutCollector
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Tower
 from tests.corpora import write_own_corpus, write_three_statements
+from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import equal, weights
 
 TOWER = Settings("TowerScratch")
@@ -47,8 +48,8 @@ def trained(path: Path, steps: int = 64, recipe: PPORecipe = SMALL, settings: Se
     return train_ppo(settings, recipe, path, steps=steps, device="cpu", **options)
 
 
-def lines(file: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in file.read_text().splitlines()]
+def read_json_lines(file: Path) -> list[dict[str, Any]]:
+    return read_json_lines(file)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +106,7 @@ def test_train__reports_and_records_each_rollout(tmp_path):
     assert [progress.steps for progress in heard] == [32, 64, 96]
     files = {path.name for path in tmp_path.iterdir()}
     assert files == {"run.json", "checkpoint.pt", "progress.jsonl", "agent.safetensors"}
-    assert [line["steps"] for line in lines(tmp_path / "progress.jsonl")] == [32, 64, 96]
+    assert [line["steps"] for line in read_json_lines(tmp_path / "progress.jsonl")] == [32, 64, 96]
     assert sum(heard[-1].outcomes.values()) == pytest.approx(1)
     details = agent.description.details
     assert (details["steps"], details["episodes"], details["mask"]) == (96, heard[-1].episodes, False)
@@ -115,12 +116,12 @@ def test_train__reports_and_records_each_rollout(tmp_path):
 
 
 def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun):
-    identity, progress = json.loads((begun / "run.json").read_text()), begun / "progress.jsonl"
+    identity, progress = read_json(begun / "run.json"), begun / "progress.jsonl"
     (begun / "run.json").write_text(json.dumps({**identity, "finished": False}))
     with progress.open("a") as file:
         file.write('{"steps": 64, "note": "after the checkpoint"}\n{"steps": 9')
     trained(begun, 64, resume=True)
-    assert [line["steps"] for line in lines(progress)] == [32, 64]
+    assert [line["steps"] for line in read_json_lines(progress)] == [32, 64]
 
 
 def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun):
@@ -151,7 +152,7 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, own, cha
     assert (details["steps"], details["interrupted"]) == (64, True)
     trained(tmp_path / "cut", 128, recipe, settings, resume=True)
     assert equal(tmp_path / "whole", tmp_path / "cut")
-    whole, resumed = (lines(tmp_path / name / "progress.jsonl") for name in ("whole", "cut"))
+    whole, resumed = (read_json_lines(tmp_path / name / "progress.jsonl") for name in ("whole", "cut"))
     for line in (*whole, *resumed):
         del line["cpu_seconds"], line["steps_per_second"]
     assert whole == resumed
@@ -165,7 +166,7 @@ def test_train__works_outside_the_main_thread(tmp_path):
 def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_path, own):
     settings = Settings("TowerScratch", corpus=own)
     agent = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
-    points = lines(tmp_path / "curve" / "evaluations.jsonl")
+    points = read_json_lines(tmp_path / "curve" / "evaluations.jsonl")
     assert [point["steps"] for point in points] == [0, 64, 128]
     episodes = evaluate(agent.policy(settings, sampled=True), settings, "dev", seed=SMALL.seed)
     assert points[-1]["accuracy"] == fmean(episode.is_success for episode in episodes)
@@ -206,7 +207,7 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path,
     assert (details["steps"], details["validation_steps"], details["validation_accuracy"]) == (128, 64, 0.6)
     saved = weights(tmp_path)
     assert all(torch.equal(saved[name], kept[1][name]) for name in saved)
-    assert [line["best_steps"] for line in lines(tmp_path / "validations.jsonl")] == [32, 64, 64, 64]
+    assert [line["best_steps"] for line in read_json_lines(tmp_path / "validations.jsonl")] == [32, 64, 64, 64]
 
 
 def test_tasks__held_out_statements_are_in_no_training_task(own):
@@ -291,7 +292,7 @@ def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_
     assert agent.policy(TOWER).needs_masks is mask
     said = "illegal actions masked in training and in play" if mask else "no mask of legal actions"
     assert said in agent.description.supervision
-    outcomes = [line["outcomes"].get("invalid_action", 0) for line in lines(tmp_path / "progress.jsonl")]
+    outcomes = [line["outcomes"].get("invalid_action", 0) for line in read_json_lines(tmp_path / "progress.jsonl")]
     assert (max(outcomes) == 0) is mask
 
 
