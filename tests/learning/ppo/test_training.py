@@ -48,10 +48,6 @@ def trained(path: Path, steps: int = 64, recipe: PPORecipe = SMALL, settings: Se
     return train_ppo(settings, recipe, path, steps=steps, device="cpu", **options)
 
 
-def read_json_lines(file: Path) -> list[dict[str, Any]]:
-    return read_json_lines(file)
-
-
 @pytest.fixture(scope="module")
 def begun_run(tmp_path_factory) -> Path:
     """A run of 32 steps; read-only."""
