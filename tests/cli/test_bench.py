@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 import gymnasium as gym
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.cli import bench, main
-from lilgym_mp.cli.bench import EPISODE_ACTIONS, FIXED, Player, Workload
+from lilgym_mp.cli import bench
+from lilgym_mp.cli.bench import EPISODE_ACTIONS, FIXED, Workload
 from lilgym_mp.evaluation import Settings
+from tests.command_line import error_of, lilgym, output_of, succeeds
 
 
-@pytest.fixture(scope="module", params=["TowerFlipIt", "ScatterFlipIt"])
-def configuration(request: pytest.FixtureRequest) -> str:
-    return request.param
-
-
-def test_11_actions__are_random_legal_edits_and_a_stop(configuration: str):
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
+def test_11_actions__are_random_legal_edits_and_a_stop(configuration):
     workload = Workload(Settings(configuration), FIXED, 110)
     played = workload.episodes(3, 2)
     assert [len(actions) for actions in played] == [4] + [EPISODE_ACTIONS] * 5
@@ -28,9 +24,9 @@ def test_11_actions__are_random_legal_edits_and_a_stop(configuration: str):
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignore(mode: AutoresetMode):
+def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignore(mode):
     workload = Workload(Settings("TowerFlipIt"), FIXED, 110)
-    env: Any = gym.make_vec(workload.id, num_envs=12, autoreset_mode=mode, **workload.arguments)
+    env = gym.make_vec(workload.id, num_envs=12, autoreset_mode=mode, **workload.arguments)
     rows, steps = workload.rows(12, mode)
     env.reset(seed=0)
     played, ignored = 0, 0
@@ -43,64 +39,51 @@ def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignor
 
 
 @pytest.fixture
-def few_actions(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_actions(monkeypatch) -> None:
     """Makes the command's workloads short."""
     monkeypatch.setattr(bench, "Workload", lambda settings, name, actions: Workload(settings, name, 110))
 
 
 @pytest.mark.usefixtures("few_actions")
-def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(capsys, monkeypatch):
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: player.steps / player.play())
-    command = ["bench", "--quick", "--configuration", "TowerScratch", "--only", "batched", "single", "pettingzoo"]
-    assert main([*command, "--num-envs", "2", "16"]) == 0
-    printed = capsys.readouterr().out
-    assert "### TowerScratch" in printed
+    printed = output_of(
+        capsys, "bench --quick --configuration TowerScratch --only batched single pettingzoo --num-envs 2 16"
+    )
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines() if line.startswith("| ")]
     megabytes = {(way, workload, envs): float(cell) for way, workload, envs, *_, cell in rows[1:] if cell != "-"}
     assert megabytes["batched", FIXED, "16"] > 16 * 28_500 / 1e6, "an image each"
     assert megabytes["batched", FIXED, "2"] < megabytes["batched", FIXED, "16"]
-    assert {way for way, *_ in megabytes} == {
-        "single",
-        "single, masks",
-        "batched",
-        "batched, no copy",
-        "batched, masks",
-        "batched, action_mask_v0",
-        "batched, text_observation_v0",
-        "games, batched",
-    }
+    assert {way for way, *_ in megabytes} >= {"single, masks", "batched, action_mask_v0", "games, batched"}
 
 
 @pytest.mark.usefixtures("few_actions")
-def test_bench__ctrl_c_keeps_results_so_far(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    rates = iter([1.0] * 20)
+def test_bench__ctrl_c_keeps_results_so_far(capsys, monkeypatch):
+    done = []
 
-    def rate(player: Player, seconds: float) -> float:
-        try:
-            return next(rates)
-        except StopIteration:
-            raise KeyboardInterrupt from None
+    def rate(player, seconds):
+        if len(done) == 20:
+            raise KeyboardInterrupt
+        done.append(player)
+        return 1.0
 
     monkeypatch.setattr(bench.Player, "rate", rate)
-    assert main(["bench", "--quick", "--only", "single"]) == 130
+    assert lilgym("bench --quick --only single") == 130
     printed = capsys.readouterr()
     assert "### TowerFlipIt" in printed.out
     assert "### ScatterFlipIt" not in printed.out
 
 
-def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_missing_package__leaves_out_its_ways(capsys, monkeypatch):
     for name in [
         name for name in sys.modules if name.startswith(("stable_baselines3.", "sb3_contrib", "lilgym_mp.sb3"))
     ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: 1.0)
-    assert main(["bench", "--quick", "--configuration", "TowerFlipIt", "--only", "sb3", "--num-envs", "2"]) == 0
+    succeeds("bench --quick --configuration TowerFlipIt --only sb3 --num-envs 2")
     assert "not measured: SB3, batched (needs stable_baselines3" in capsys.readouterr().err
 
 
-def test_bench__rejects_an_empty_batch(capsys: pytest.CaptureFixture[str]):
-    assert main(["bench", "--num-envs", "8", "0"]) == 2
-    assert "--num-envs must be at least 1, not 0" in capsys.readouterr().err
+def test_bench__rejects_an_empty_batch(capsys):
+    assert "--num-envs must be at least 1, not 0" in error_of(capsys, "bench --num-envs 8 0")

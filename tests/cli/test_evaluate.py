@@ -2,49 +2,41 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
-import pytest
-
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.results import training_statements
+from tests.command_line import output_of, succeeds
+from tests.corpora import entry
+from tests.json_files import read_json
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 NEVER = f"{BLUE} and not {BLUE}"
 
 
 def write_entries(path: Path, *entries: tuple[str, str, str]) -> str:
-    rows = [
-        {"id": f"t{index}", "appearance": "tower", "split": split, "statement": text, "program": program, "starts": []}
-        for index, (split, text, program) in enumerate(entries)
-    ]
-    write_corpus(path, "own", "CC0-1.0", rows)
+    write_corpus(path, "own", "CC0-1.0", [entry(f"t{index}", "tower", *told) for index, told in enumerate(entries)])
     return str(path)
 
 
-def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsys):
     corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
-    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", corpus]
-    assert main([*command, "--out", str(tmp_path / "out.json")]) == 0
-    assert "expert, TowerScratch: 1 tasks failed: " in capsys.readouterr().out
-    (row,) = json.loads((tmp_path / "out.json").read_text())["results"]
+    command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
+    assert "expert, TowerScratch: 1 tasks failed: " in output_of(capsys, command, tmp_path / "out.json")
+    (row,) = read_json(tmp_path / "out.json")["results"]
     blue, never = row["items"]
     assert (blue["program"], blue["outcome"], blue["actions"][-1]) == (BLUE, "success", "STOP")
     assert (never["task"], never["outcome"] == "success") == ("t1", False)
 
 
-def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path: Path):
+def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
     known = next(iter(load_tasks("builtin", "tower", "scratch", "train")))
     entries = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
     corpus = write_entries(tmp_path / "own.jsonl", *entries)
-    command = ["evaluate", "parse-and-plan", "--parses", "--corpus", corpus, "--out", str(tmp_path / "out.json")]
-    assert main(command) == 0
-    (written,) = json.loads((tmp_path / "out.json").read_text()).values()
+    succeeds(f"evaluate parse-and-plan --parses --corpus {corpus} --out", tmp_path / "out.json")
+    (written,) = read_json(tmp_path / "out.json").values()
     assert written["totals"][0]["statements"] == 2
     right, wrong = written["items"]
     assert (right["program"], right["equal_truth"], right["form_seen"]) == (known.program, True, True)
@@ -52,19 +44,18 @@ def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path: P
     assert (wrong["equal_truth"], wrong["program"], wrong["uncertain"][0]) == (False, NEVER, "nothing was understood")
 
 
-def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path: Path):
+def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path):
     seen = next(iter(load_tasks("builtin", "tower", "scratch", "train"))).statement
     corpus = write_entries(tmp_path / "own.jsonl", ("train", "A new one.", BLUE), ("dev", seen, BLUE))
     settings = Settings("TowerScratch", corpus=corpus)
 
-    def trained_on(recipe: dict[str, Any]) -> set[str]:
+    def trained_on(recipe):
         return training_statements(settings, NamedPolicy("any", lambda settings: None, "", details={"recipe": recipe}))
 
     assert trained_on({}) == {"A new one."}
     assert seen in trained_on({"corpus": "builtin"})
     assert trained_on({"corpus": str(tmp_path / "gone.jsonl")}) == set()
-    out = tmp_path / "out.json"
-    command = ["evaluate", "parse-and-plan", "--alone", "--configuration", "TowerScratch", "--corpus", corpus]
-    assert main([*command, "--out", str(out)]) == 0
-    (row,) = json.loads(out.read_text())["results"]
+    command = f"evaluate parse-and-plan --alone --configuration TowerScratch --corpus {corpus} --out"
+    succeeds(command, tmp_path / "out.json")
+    (row,) = read_json(tmp_path / "out.json")["results"]
     assert (row["episodes_seen"], row["episodes_unseen"]) == (1, 0)

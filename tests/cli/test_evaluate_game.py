@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
 from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
-from tests.corpora import write_own_corpus
+from tests.command_line import error_of, succeeds
+from tests.json_files import read_json
 
 
 class Trained(Agent):
@@ -43,30 +43,23 @@ class Single(Agent):
         return random_legal
 
 
-@pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A small corpus."""
-    return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
-
-
-def results(file: Path) -> dict[tuple[str, str], dict[str, Any]]:
-    """By proposer and verifier."""
-    return {(entry["proposer"], entry["verifier"]): entry for entry in json.loads(file.read_text())["results"]}
+def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, Any]]:
+    """What `lilgym-mp evaluate ARGUMENTS` writes in the directory, by proposer and verifier."""
+    succeeds(f"evaluate {arguments} --force --out", directory / "results.json")
+    found = read_json(directory / "results.json")["results"]
+    return {(entry["proposer"], entry["verifier"]): entry for entry in found}
 
 
 @pytest.fixture
-def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
+def runs(monkeypatch) -> dict[str, Trained]:
     """Runs by path, to be filled in by the test."""
-    trained: dict[str, Trained] = {}
+    trained = {}
     monkeypatch.setattr("lilgym_mp.learning.common.agents.open_agent", lambda path, device: trained[str(path)])
     return trained
 
 
-def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: str, capsys: pytest.CaptureFixture[str]):
-    file = tmp_path / "results.json"
-    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
-    assert main(["evaluate", *game, "--out", str(file)]) == 0
-    found = results(file)
+def test_without_runs__scripted_partners_play_each_other(tmp_path, own, capsys):
+    found = results(tmp_path, f"--protocol audit --configuration TowerScratch --corpus {own}")
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
     lie = found["expert-deceptive", "always-accept"]
     assert lie["success"] == 0.0
@@ -79,17 +72,15 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     assert f"TowerScratch, audit, dev, corpus {own}" in capsys.readouterr().out
 
 
-def test_results__are_also_a_table_with_a_remark_on_pairs_that_learned_for_other_rewards(
-    tmp_path: Path, own: str, runs: dict[str, Any]
-):
+def test_cross_play__is_also_a_table_with_a_remark_on_pairs_that_learned_for_other_rewards(tmp_path, own, runs):
     runs.update(a=Trained(own), b=Trained(own))
     runs["b"].game = replace(runs["b"].game, rewards="hidden")
-    file = tmp_path / "results.json"
-    assert main(["evaluate", "a", "b", "--cross-play", "--out", str(file)]) == 0
-    with file.with_suffix(".csv").open(newline="") as table:
+    written = results(tmp_path, "a b --cross-play")
+    assert len(written) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
+    with (tmp_path / "results.csv").open(newline="") as table:
         rows = {(row["proposer"], row["verifier"]): row for row in csv.DictReader(table)}
-    assert rows.keys() == results(file).keys()
-    row, found = rows["a", "b"], results(file)["a", "b"]
+    assert rows.keys() == written.keys()
+    row, found = rows["a", "b"], written["a", "b"]
     assert float(row["success"]) == found["success"]
     assert [float(row[f"success_interval_{end}"]) for end in ("low", "high")] == found["success_interval"]
     assert row["remark"] == found["remark"] == "trained with other rewards"
@@ -97,105 +88,66 @@ def test_results__are_also_a_table_with_a_remark_on_pairs_that_learned_for_other
 
 
 @pytest.mark.parametrize("single", [False, True])
-def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
-    tmp_path: Path, own: str, runs: dict[str, Any], single: bool
-):
+def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path, own, runs, single):
     runs["a"] = Single() if single else Trained(own)
-    file = tmp_path / "results.json"
-    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own] if single else []
-    assert main(["evaluate", "a", *game, "--out", str(file)]) == 0
+    game = f"--protocol audit --configuration TowerScratch --corpus {own}" if single else ""
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
-    assert results(file).keys() == pairs
+    assert results(tmp_path, f"a {game}").keys() == pairs
 
 
-def test_run__plays_the_requested_configurations(tmp_path: Path, runs: dict[str, Any]):
+def test_run__plays_the_requested_configurations(tmp_path, runs):
     runs["a"] = Trained("builtin")  # on TowerScratch
-    file = tmp_path / "results.json"
-    names = ["TowerFlipIt", "TowerScratch"]
-    assert main(["evaluate", "a", "--configuration", *names, "--out", str(file)]) == 0
-    entries = json.loads(file.read_text())["results"]
-    assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == names
-
-
-def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, own: str, runs: dict[str, Trained]):
-    runs |= {"a": Trained(own), "b": Trained(own)}
-    file = tmp_path / "results.json"
-    assert main(["evaluate", "a", "b", "--cross-play", "--out", str(file)]) == 0
-    assert len(results(file)) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
-
-
-def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: pytest.CaptureFixture[str]):
-    runs |= {"a": Trained("builtin"), "b": Trained("builtin", "veto")}
-    assert main(["evaluate", "a", "b"]) == 2
-    assert "a and b play different games: protocol 'audit' and 'veto'" in capsys.readouterr().err
-    assert main(["evaluate", "a", "--protocol", "veto"]) == 2
-    assert "a was trained for audit; leave --protocol out" in capsys.readouterr().err
+    succeeds("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json")
+    entries = read_json(tmp_path / "results.json")["results"]
+    assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == ["TowerFlipIt", "TowerScratch"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nowhere"], "no trained agent at nowhere"),
-        (["--protocol", "vote"], "invalid choice: 'vote' (choose from "),
-        (["--protocol", "veto", "--configuration", "Towers"], "unknown configuration 'Towers'"),
-        (["--protocol", "veto", "--passes", "3"], "--passes is for the single-agent environment"),
-        (["--cross-play", "--seed", "-1"], "seed"),
+        ("audit veto", "audit and veto play different games: protocol 'audit' and 'veto'"),
+        ("audit --protocol veto", "audit was trained for audit; leave --protocol out"),
+        ("guided critique", "and {'proposer_0': 0, 'verifier_0': 4}"),
+        ("guided --views guide", "guided sees what it learned with; leave --views out"),
+        ("--protocol vote", "invalid choice: 'vote' (choose from "),
+        ("--protocol veto --configuration Towers", "unknown configuration 'Towers'"),
+        ("--protocol veto --passes 3", "--passes is for the single-agent environment"),
+        ("--cross-play --seed -1", "seed"),
     ],
 )
-def test_bad_arguments__give_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["evaluate", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.splitlines()) == 1
+def test_what_cannot_be_played__is_one_line(arguments, message, runs, capsys):
+    runs |= {protocol: Trained("builtin", protocol) for protocol in ("audit", "veto", "critique")}
+    runs["guided"] = Trained("builtin")
+    runs["guided"].game = GameSettings(protocol="critique", views="guide")
+    (line,) = error_of(capsys, f"evaluate {arguments}").splitlines()
+    assert message in line
 
 
-def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path: Path, own: str):
-    file = tmp_path / "results.json"
-    game = [
-        "evaluate",
-        "--protocol",
-        "critique",
-        "--configuration",
-        "TowerScratch",
-        "--corpus",
-        own,
-        "--out",
-        str(file),
-    ]
-    assert main(game) == 0
-    assert not [pair for pair in results(file) if "guide" in pair or "builder" in pair]
-    for messages, success in (([], 1.0), (["--messages", "silenced"], 0.0)):
-        assert main([*game, "--force", "--views", "guide", *messages]) == 0
-        assert results(file)["builder", "guide"]["success"] == success
-        assert results(file)["builder", "guide"]["messages"] == (messages or [None])[-1]
+def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path, own):
+    game = f"--protocol critique --configuration TowerScratch --corpus {own}"
+    assert not [pair for pair in results(tmp_path, game) if "guide" in pair or "builder" in pair]
+    for messages, success in ((None, 1.0), ("silenced", 0.0)):
+        silence = f"--messages {messages}" if messages else ""
+        found = results(tmp_path, f"{game} --views guide {silence}")["builder", "guide"]
+        assert (found["success"], found["messages"]) == (success, messages)
 
 
-def test_actions__are_greedy_sampled_or_both(tmp_path: Path, own: str, runs: dict[str, Any]):
-    asked: list[bool] = []
+def test_actions__are_greedy_sampled_or_both(tmp_path, own, runs):
+    asked = []
 
     class Sampled(Trained):
-        def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Any:
+        def partner(self, role, game, *, sampled=False):
             asked.append(sampled)
             return super().partner(role, game)
 
     runs["a"] = Sampled(own)
-    file = tmp_path / "results.json"
-    assert main(["evaluate", "a", "--actions", "greedy", "sampled", "--out", str(file)]) == 0
+    succeeds("evaluate a --actions greedy sampled --out", tmp_path / "results.json")
     assert asked == [False, False, True, True]
-    assert [entry["actions"] for entry in json.loads(file.read_text())["results"]][::5] == ["greedy", "sampled"]
+    entries = read_json(tmp_path / "results.json")["results"]
+    assert [entry["actions"] for entry in entries][::5] == ["greedy", "sampled"]
 
 
-def test_runs__that_saw_other_views_play_together(runs: dict[str, Any], capsys: pytest.CaptureFixture[str]):
-    runs |= {"a": Trained("builtin", "critique"), "b": Trained("builtin", "critique")}
-    runs["a"].game = GameSettings(protocol="critique", views="guide")
-    assert main(["evaluate", "a", "b"]) == 2
-    found = capsys.readouterr().err
-    assert "message_size {'proposer_0': 0, 'verifier_0': 13} and {'proposer_0': 0, 'verifier_0': 4}" in found
-    assert main(["evaluate", "a", "--views", "guide"]) == 2
-    assert "a sees what it learned with; leave --views out" in capsys.readouterr().err
-
-
-def test_report__plays_the_pairs_of_game_runs_in_its_paths(tmp_path: Path, own: str, runs: dict[str, Any]):
+def test_report__plays_the_pairs_of_game_runs_in_its_paths(tmp_path, own, runs):
     for name, protocol in (("a", "audit"), ("b", "veto")):
         directory = tmp_path / "runs" / name
         directory.mkdir(parents=True)
@@ -203,7 +155,7 @@ def test_report__plays_the_pairs_of_game_runs_in_its_paths(tmp_path: Path, own: 
         (directory / "run.json").write_text(json.dumps(run))
         (directory / "agent.safetensors").touch()
         runs[str(directory)] = Trained(own, protocol)
-    assert main(["report", str(tmp_path / "runs"), "--out", str(tmp_path / "report")]) == 0
+    succeeds(f"report {tmp_path / 'runs'} --out", tmp_path / "report")
     (matrix,) = (tmp_path / "report" / "tables").glob("*success*audit*.csv")
     with matrix.open(newline="") as table:
         rows = {row["proposer"]: row for row in csv.DictReader(table)}

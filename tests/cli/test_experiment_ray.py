@@ -45,9 +45,7 @@ class OneProcess:
         return function(name)
 
 
-def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(tmp_path, monkeypatch, capsys):
     file, results = tmp_path / "own.toml", tmp_path / "results"
     file.write_text(TEXT)
     plan = {planned.name: planned for planned in read_plan(file)}
@@ -56,7 +54,7 @@ def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(
     ray = OneProcess()
     monkeypatch.setitem(sys.modules, "ray", ray)
 
-    def run(name: str) -> int:
+    def run(name):
         if name in lost:
             lost.remove(name)
             raise ConnectionError("node lost")
@@ -77,9 +75,7 @@ def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(
     assert [name for name, _ in ray.calls] == ["init", "remote", "shutdown"] * 2
 
 
-def test_ray__missing_is_one_line_that_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ray__missing_is_one_line_that_names_the_extra(tmp_path, monkeypatch, capsys):
     (tmp_path / "own.toml").write_text(TEXT)
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main(["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray"]) == 2
@@ -88,9 +84,9 @@ def test_ray__missing_is_one_line_that_names_the_extra(
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of Ray
-def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path: Path) -> None:
+def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
     pytest.importorskip("ray", reason="needs the extra ray")
-    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
+    from ray.cluster_utils import Cluster
 
     few = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
     (tmp_path / "own.toml").write_text(TEXT.replace("steps = 64\n", f"steps = 2048\n{few}"))

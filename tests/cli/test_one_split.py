@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import gymnasium as gym
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.wrappers import tokenized_statement_v0
+from tests.command_line import output_of
 from tests.corpora import entry
 
 STATEMENT = "A blue block crowns some box."
 
 
 @pytest.fixture(params=["dev", "test"])
-def split(request: pytest.FixtureRequest) -> str:
+def split(request) -> str:
     return request.param
 
 
 @pytest.fixture
-def corpus(tmp_path: Path, split: str) -> str:
+def corpus(tmp_path, split) -> str:
     path, program = tmp_path / "one_split.jsonl", "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
     write_corpus(path, "one split", "CC0-1.0", [entry("crown", "tower", split, STATEMENT, program)])
     return str(path)
 
 
-def test_evaluate__counts_no_statement_as_seen_or_unseen(
-    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", split]) == 0
-    output = capsys.readouterr().out
+def test_evaluate__counts_no_statement_as_seen_or_unseen(corpus, split, capsys):
+    output = output_of(capsys, f"evaluate --policy expert --corpus {corpus} --split {split}")
     assert "100.0 %" in output
     assert "seen" not in output
 
 
-def test_array_observations__take_the_words_of_that_split(corpus: str, split: str) -> None:
+def test_array_observations__take_the_words_of_that_split(corpus, split):
     env = gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split, observation="arrays")
     assert env.observation_space.contains(env.reset(seed=0)[0])
     tokens = tokenized_statement_v0(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split))

@@ -32,12 +32,12 @@ def test_options__each_is_on_the_page_of_options():
 
 
 @pytest.mark.parametrize("name", FORMER)
-def test_options__a_thing_has_no_second_name(name: str):
+def test_options__a_thing_has_no_second_name(name):
     assert f"--{name}" not in set(options(make_parser()))
 
 
 @pytest.mark.parametrize("learner", sorted(LEARNERS))
-def test_recipes__keep_the_names_of_saved_runs_where_options_are_renamed(learner: str):
+def test_recipes__keep_the_names_of_saved_runs_where_options_are_renamed(learner):
     recipe = find_learner(learner).recipe
     configuration = "" if find_learner(learner).config is None else "TowerFlipIt"
     made = recipe.of(configuration)

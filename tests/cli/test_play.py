@@ -10,34 +10,33 @@ from collections.abc import Callable
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.cli.play import read_action
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError, AddItem, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.scene.render.characters import ruled, text
+from tests.command_line import succeeds
 from tests.scenes import B, scene, square, tower
 
 Play = Callable[..., str]
-BLUE_TASK = ["play", "TowerScratch", "--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block."
-BLUE_GAME = [*BLUE_TASK, "--protocol", "veto"]
-ROUND_TASK = ["play", "ScatterScratch"]
+BLUE_TASK = "play TowerScratch --split dev --task tower-dev-001"  # "I can see a blue block."
+BLUE_GAME = f"{BLUE_TASK} --protocol veto"
 
 
 @pytest.fixture
-def play(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Play:
+def play(monkeypatch, capsys) -> Play:
     """Plays with lines of input and returns the output."""
 
-    def run(command: list[str], *lines: str) -> str:
+    def run(command, *lines):
         monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
-        assert main(command) == 0
+        succeeds(command)
         return capsys.readouterr().out
 
     return run
 
 
-def test_play__solves_a_task(play: Play):
+def test_play__solves_a_task(play):
     output = play(BLUE_TASK, "add left blue", "stop")
     assert '"I can see a blue block."' in output
     assert "Make this true, then stop. Actions left: 12." in output
@@ -46,11 +45,11 @@ def test_play__solves_a_task(play: Play):
     assert output.endswith("1 of 1 episodes succeeded, reward +0.9\n")
 
 
-def test_play__hint_is_an_action(play: Play):
+def test_play__hint_is_an_action(play):
     assert "try: ADD(" in play(BLUE_TASK, "hint")
 
 
-def test_play__invalid_commands_are_explained_and_take_no_step(play: Play):
+def test_play__invalid_commands_are_explained_and_take_no_step(play):
     output = play(BLUE_TASK, "dance", "add", "add up blue", "add left bl", "remove 3", "", "show")
     assert (
         "'add up blue' is not an action; write stop, remove BOX or add BOX COLOUR, such as: ADD(LEFT, BLUE)" in output
@@ -60,41 +59,35 @@ def test_play__invalid_commands_are_explained_and_take_no_step(play: Play):
     assert output.endswith("no episode completed, reward +0.0\n")
 
 
-def test_play__invalid_action_ends_the_episode_with_its_reason(play: Play):
+def test_play__invalid_action_ends_the_episode_with_its_reason(play):
     output = play(BLUE_TASK, "remove left", "add left blue", "back", "add left blue")
     assert "REMOVE(LEFT): reward -1.0, invalid action (empty tower)\nType next, back or quit." in output
     assert "this episode is over; type next for another task, back for its start, or quit" in output
     assert output.count('"I can see a blue block."') == 4
 
 
-def test_play__next_samples_another_task_and_quit_leaves(play: Play):
-    output = play([*BLUE_TASK, "--seed", "1"], "next", "quit", "add left blue")
+def test_play__next_samples_another_task_and_quit_leaves(play):
+    output = play(f"{BLUE_TASK} --seed 1", "next", "quit", "add left blue")
     assert output.count("Make this") == 2
     assert "add left blue" not in output
 
 
-def test_play__seed_determines_the_tasks(play: Play):
-    drawn = [play(["play", "ScatterFlipIt", "--seed", seed], "next") for seed in ("1", "1", "2")]
+def test_play__seed_determines_the_tasks(play):
+    drawn = [play(f"play ScatterFlipIt --seed {seed}", "next") for seed in (1, 1, 2)]
     assert drawn[0] == drawn[1] != drawn[2]
 
 
-def test_play__scatter_actions_name_cells(play: Play):
-    output = play(ROUND_TASK, "add 18 4 small blue circle", "add 19 0 small blue circle", "remove 18 4")
+def test_play__scatter_actions_name_cells(play):
+    output = play("play ScatterScratch", "add 18 4 small blue circle", "add 19 0 small blue circle", "remove 18 4")
     assert "ADD(18, 4, CIRCLE, BLUE, SMALL): reward -0.1" in output
     assert "COLUMN, 0 .. 18, and ROW, 0 .. 4" in output
     assert "REMOVE(18, 4): reward -0.1" in output
 
 
 def test_play__ctrl_c_exits():
-    command = [sys.executable, "-c", "import sys; from lilgym_mp.cli import main; sys.exit(main())", *BLUE_TASK]
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
+    command = [sys.executable, "-m", "lilgym_mp", *BLUE_TASK.split()]
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command, **pipes, text=True) as process:
         while "Actions left" not in process.stdout.readline():
             pass
         process.send_signal(signal.SIGINT)
@@ -103,7 +96,7 @@ def test_play__ctrl_c_exits():
     assert "no episode completed" in output
 
 
-def test_play_game__as_proposer_with_the_oracle(play: Play):
+def test_play_game__as_proposer_with_the_oracle(play):
     pytest.importorskip("pettingzoo")
     output = play(BLUE_GAME, "nonsense", "REMOVE(LEFT)", "add(left, blue)", "STOP")
     assert "proposer_0, one of: STOP, ADD(LEFT, YELLOW)" in output
@@ -115,14 +108,14 @@ def test_play_game__as_proposer_with_the_oracle(play: Play):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_play_game__as_verifier_in_every_protocol(protocol: str, play: Play):
+def test_play_game__as_verifier_in_every_protocol(protocol, play):
     pytest.importorskip("pettingzoo")
-    output = play(["play", "--as", "verifier", "--protocol", protocol, "--seed", "0"], *["accept", "continue"] * 30)
+    output = play(f"play --as verifier --protocol {protocol} --seed 0", *["accept", "continue"] * 30)
     assert "proposer_0: " in output
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))])
-def test_read_action__accepts_every_action_as_it_is_shown(appearance: Tower | Scatter):
+def test_read_action__accepts_every_action_as_it_is_shown(appearance):
     for index in range(0, appearance.action_count, 7):
         assert read_action(describe(appearance.decode(index)), appearance) == index
 
@@ -133,7 +126,7 @@ def test_read_action__accepts_attributes_in_any_order():
 
 
 @pytest.mark.parametrize("line", ["stop now", "add 3 4 small large circle", "add 3 5 small blue circle", "remove a b"])
-def test_read_action__refuses_what_is_no_action(line: str):
+def test_read_action__refuses_what_is_no_action(line):
     with pytest.raises(ActionError, match="is not an action; write stop"):
         read_action(line, Scatter())
 

@@ -5,82 +5,71 @@ from __future__ import annotations
 import io
 import os
 import re
-import shlex
 import signal
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.behaviour import film_strip
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import RunDirectory
+from tests.command_line import lilgym, output_of, succeeds
 from tests.corpora import write_own_corpus
 
 pytest.importorskip("matplotlib")  # of reports
 
 Captured = pytest.CaptureFixture[str]
 
-FEW = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16"]
+FEW = "--steps 64 --epochs 1 --envs 2 --same-statement 1 --rollout 32 --batch-size 16 --rules release --horizon 7"
 TRAININGS = {
-    "ppo": ["ppo", "TowerFlipIt", "--steps", "64", "--epochs", "1", *FEW, "--rules", "release", "--horizon", "7"],
-    "game": [
-        *("game", "TowerFlipIt", "--steps", "64", "--epochs", "1", *FEW, "--width", "16", "--rules", "release"),
-        *("--protocol", "joint", "--horizon", "7"),
-    ],
-    "imitation": ["imitation", "TowerScratch", "--updates", "1"],
-    "parse-and-plan": ["parse-and-plan", "--updates", "1"],
+    "ppo": f"ppo TowerFlipIt {FEW}",
+    "game": f"game TowerFlipIt {FEW} --width 16 --protocol joint",
+    "imitation": "imitation TowerScratch --updates 1",
+    "parse-and-plan": "parse-and-plan --updates 1",
 }
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The options of a small corpus whose path has blanks."""
+def own(tmp_path, monkeypatch) -> str:
+    """The option of a small corpus whose path has blanks."""
     (tmp_path / "a place").mkdir()
     monkeypatch.chdir(tmp_path / "a place")
     write_own_corpus(Path("own corpus.jsonl"))
-    return ["--corpus", "own corpus.jsonl"]
+    return "--corpus 'own corpus.jsonl'"
 
 
-def printed(capsys: Captured, before: str) -> Sequence[str]:
-    """The words of the one command that was printed after these words."""
+def printed(capsys: Captured, before: str) -> str:
+    """The one command that was printed after these words."""
     (command,) = re.findall(rf"{before}: lilgym-mp (.*)", capsys.readouterr().out)
-    return shlex.split(command)
+    return command
 
 
 @pytest.mark.parametrize("learner", TRAININGS)
-def test_train__names_an_evaluation_that_runs(learner: str, own: list[str], capsys: Captured) -> None:
-    assert main(["train", *TRAININGS[learner], *own, "--out", "a run"]) == 0
-    assert main([*printed(capsys, "evaluate it with"), "--out", "results.json"]) == 0
+def test_train__names_an_evaluation_that_runs(learner, own, capsys):
+    succeeds(f"train {TRAININGS[learner]} {own} --out 'a run'")
+    succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")
 
 
-def test_train__when_interrupted_names_the_command_that_resumes(
-    own: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch, capsys):
     record = RunDirectory.record
     with monkeypatch.context() as patched:
         patched.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
-        assert main(["train", *TRAININGS["ppo"], *own, "--out", "a run"]) == 130
-    assert main(printed(capsys, "resume with")) == 0
+        assert lilgym(f"train {TRAININGS['ppo']} {own} --out 'a run'") == 130
+    succeeds(printed(capsys, "resume with"))
 
 
-def test_experiment__names_a_report_that_runs(
-    own: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
     Path("an experiment.toml").write_text(text)
-    command = ["experiment", "an experiment.toml", "--out", "the results", "--only", "policies"]
-    assert main([*command, "--list"]) == 0
-    listed = printed(capsys, "policies")
-    assert main([*listed, "--record", "by hand"]) == 0
+    command = "experiment 'an experiment.toml' --out 'the results' --only policies"
+    succeeds(f"{command} --list")
+    succeeds(printed(capsys, "policies"), "--record", "by hand")
     capsys.readouterr()
-    assert main(command) == 0
-    assert main(printed(capsys, "tables")) == 0
+    succeeds(command)
+    succeeds(printed(capsys, "tables"))
     (file,) = Path("by hand").glob("*.jsonl.gz")
     recording = read_episodes(file)
     title, _ = film_strip(recording, recording.episodes[0], "any")
     monkeypatch.setattr("sys.stdin", io.StringIO("quit\n"))
-    assert main(shlex.split(title.partition("lilgym-mp ")[2])) == 0
-    assert recording.episodes[0].statement in capsys.readouterr().out
+    assert recording.episodes[0].statement in output_of(capsys, title.partition("lilgym-mp ")[2])

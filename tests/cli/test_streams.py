@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from argparse import Namespace
-from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -18,7 +17,11 @@ import pytest
 from lilgym_mp.cli import FAILED, INTERRUPTED, main
 
 CHECK = "explain --program 'exist(all_items)'"
-NOTHING = "<&- >&- 2>&-"
+MESSAGES = {
+    ">/dev/full": "lilgym-mp explain: cannot write results: No space left on device\n",
+    ">&-": "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n",
+    "<&- >&- 2>&-": "",
+}
 RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exit(main())'"
 
 
@@ -26,11 +29,11 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, shell=True, capture_output=True, text=True, timeout=120, check=False)
 
 
-def test_main__runs_on_a_stream_without_reconfigure(monkeypatch: pytest.MonkeyPatch):
+def test_main__runs_on_a_stream_without_reconfigure(monkeypatch):
     written = io.StringIO()
     monkeypatch.setattr(sys, "stdout", written)
     monkeypatch.setattr(sys, "argv", ["lilgym-mp", "explain", "--program", "exist(all_items)"])
-    codes: list[int] = []
+    codes = []
     thread = Thread(target=lambda: codes.append(main()))  # signals are for the main thread alone
     thread.start()
     thread.join()
@@ -39,31 +42,19 @@ def test_main__runs_on_a_stream_without_reconfigure(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("words", "redirection"),
-    [
-        *((CHECK, redirection) for redirection in (">/dev/full", ">&-", NOTHING)),
-        ("play TowerScratch --seed 1", ">&-"),
-        ("trian", "2>&-"),
-    ],
+    ("words", "redirection"), [(CHECK, ">/dev/full"), (CHECK, ">&-"), (CHECK, "<&- >&- 2>&-"), ("trian", "2>&-")]
 )
-def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str) -> None:
-    done = shell(f"echo quit | {RUN} {words} {redirection}")
+def test_streams__closed_or_full_give_no_traceback(words, redirection):
+    done = shell(f"{RUN} {words} {redirection}")
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert done.returncode in (0, 1, 2), done
-    if redirection in (">&-", NOTHING):
-        assert done.returncode == FAILED
-    if redirection == ">&-":
-        assert done.stderr == "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n"
-    if redirection == ">/dev/full":
-        assert done.returncode == FAILED
-        assert done.stderr == "lilgym-mp explain: cannot write results: No space left on device\n"
+    if redirection in MESSAGES:
+        assert (done.returncode, done.stderr) == (FAILED, MESSAGES[redirection])
 
 
-def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*words: str) -> None:
+def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(monkeypatch, capsys):
+    def interrupted(*words):
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:
@@ -74,12 +65,11 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGINT, 0.3), (signal.SIGTERM, 0.3)])
-def test_interrupt__soon_after_the_start_prints_one_word(stop: signal.Signals, seconds: float) -> None:
+@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGTERM, 0.3)])
+def test_interrupt__soon_after_the_start_prints_one_word(stop, seconds):
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
         time.sleep(seconds)
         output = _interrupted(process, stop)
@@ -97,10 +87,8 @@ def _interrupted(process: subprocess.Popen[str], stop: signal.Signals) -> str:
     return process.communicate()[1]
 
 
-def test_disk_error__is_reported_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*_: object) -> int:
+def test_disk_error__is_reported_in_one_line(tmp_path, monkeypatch, capsys):
+    def full(*_):
         raise OSError(28, "No space left on device", str(tmp_path / "file"))
 
     monkeypatch.setattr("lilgym_mp.cli.parse_args", lambda argv: Namespace(command="test", run=full))
@@ -109,11 +97,8 @@ def test_disk_error__is_reported_in_one_line(
 
 
 @pytest.mark.parametrize("corpus", ["a" * 5_000_000, "no\x1b[31mwhere"])
-@pytest.mark.parametrize("words", [["data", "check"], ["play", "TowerScratch", "--corpus"]])
-def test_odd_names__are_reported_in_one_printable_line(
-    corpus: str, words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*words, corpus]) in (1, 2)
+def test_odd_names__are_reported_in_one_printable_line(corpus, capsys):
+    assert main(["data", "check", corpus]) in (1, 2)
     output = capsys.readouterr()
     assert "\x1b[31m" not in output.out + output.err
     assert len(output.err) < 3_000
@@ -122,7 +107,7 @@ def test_odd_names__are_reported_in_one_printable_line(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root can read every directory")
-def test_forbidden_directory__is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_forbidden_directory__is_reported_in_one_line(tmp_path, capsys):
     tmp_path.chmod(0)
     try:
         assert main(["data", "check", str(tmp_path)]) in (1, 2)

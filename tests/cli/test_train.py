@@ -9,26 +9,25 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.cli.explain import _sentences
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.scene.render.characters import text
-from tests.corpora import write_own_corpus
+from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.json_files import read_json, read_json_lines
 
-LilGym = Callable[..., str]
-SMALL = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
+SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
 
 @pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def _one_thread(monkeypatch) -> None:
     """More threads would slow down parallel tests."""
     import torch
 
@@ -37,46 +36,24 @@ def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small corpus."""
-    return write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl")
-
-
-@pytest.fixture(scope="module")
-def trained_run(own: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained_run(own, tmp_path_factory) -> Path:
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
-    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(directory), "--steps", "64", *SMALL]
-    assert main([*command, "--mask", "--recolour"]) == 0
+    command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
+    succeeds(command, directory)
     return directory
 
 
 @pytest.fixture
-def run(trained_run: Path, tmp_path: Path) -> Path:
+def run(trained_run, tmp_path) -> Path:
     """A copy of the PPO run."""
     return shutil.copytree(trained_run, tmp_path / "run")
 
 
-@pytest.fixture
-def lilgym(capsys: pytest.CaptureFixture[str]) -> LilGym:
-    """Runs a command line and returns its standard output."""
-
-    def run(*words: object) -> str:
-        assert main([str(word) for word in words]) == 0
-        return capsys.readouterr().out
-
-    return run
-
-
-def trained(lilgym: LilGym, directory: Path, *options: str) -> str:
-    return lilgym("train", "ppo", "TowerScratch", "--out", directory, "--steps", 64, *SMALL, *options)
-
-
-def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own: Path):
-    options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
-    options += ["--recipe", "paper", "--mask"]
-    trained(lilgym, tmp_path, "--corpus", str(own), *options)
-    written = json.loads((tmp_path / "run.json").read_text())["identity"]
+def test_train__options_override_the_recipe(tmp_path, own):
+    options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
+    succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path)
+    written = read_json(tmp_path / "run.json")["identity"]
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
@@ -86,62 +63,46 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     ("learner", "expected"),
     [
         ("reward-model", "before training begins (default: 250 in scatter, 150 in tower)"),
-        ("reward-model", "more suit Scatter (default: 16 in scatter, 0 in tower)"),
-        ("reward-model", "scenes kept by the search (default: 3 in scatter, 16 in tower)"),
         ("imitation", "per statement in a batch (default: 8 in scatter, 16 in tower)"),
-        ("imitation", "querying the expert (default: 10 in scatter, 13 in tower)"),
         ("ppo", "above 0 the agent also plays Scratch (default: 0.25 in flipit, 0 in scratch)"),
     ],
 )
-def test_train_help__prints_the_defaults_of_each_appearance_or_start(
-    learner: str, expected: str, capsys: pytest.CaptureFixture[str]
-):
+def test_train_help__prints_the_defaults_of_each_appearance_or_start(learner, expected, capsys):
     with pytest.raises(SystemExit):
-        main(["train", learner, "--help"])
-    assert expected in " ".join(capsys.readouterr().out.split())
+        lilgym(f"train {learner} --help")
+    output = " ".join(capsys.readouterr().out.split())
+    assert expected in output
+    assert "native" not in output, "a grid on which no learner can be trained"
 
 
-@pytest.mark.parametrize("learner", ["imitation", "ppo", "reward-model", "game"])
-def test_train_help__does_not_offer_the_native_grid(learner: str, capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit):
-        main(["train", learner, "--help"])
-    assert "native" not in capsys.readouterr().out
-
-
-def test_tensorboard__gets_the_numbers_of_each_progress_line(
-    lilgym: LilGym, tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
-):
-    written: list[tuple[str, float, int]] = []
+def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monkeypatch):
+    written = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
     module = SimpleNamespace(SummaryWriter=lambda path, **options: writer if path == tmp_path / "tensorboard" else None)
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
-    trained(lilgym, tmp_path, "--corpus", str(own), "--tensorboard")
-    lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]
+    succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path)
+    lines = read_json_lines(tmp_path / "progress.jsonl")
     losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
     assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
     assert losses
 
 
-def test_tensorboard__missing_is_an_error_before_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
-    assert main(["train", "ppo", "TowerScratch", "--tensorboard", "--out", str(tmp_path / "run")]) == USAGE_ERROR
-    assert "--tensorboard needs tensorboard: pip install tensorboard" in capsys.readouterr().err
+    assert "--tensorboard needs tensorboard: pip install tensorboard" in error_of(
+        capsys, "train ppo TowerScratch --tensorboard --out", tmp_path / "run"
+    )
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.long
-def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path: Path):
+def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     """In a terminal, Ctrl-C signals the whole process group."""
     directory = tmp_path / "run"
-    program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
-    (tmp_path / "main.py").write_text(program)
-    words = ["train", "ppo", "TowerScratch", "--steps", "100000000", "--out"]
-    command = [sys.executable, tmp_path / "main.py", *words, directory, *SMALL]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
+    command = f"{sys.executable} -m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}"
+    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(command.split(), **pipes, text=True, start_new_session=True) as process:
         while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
@@ -171,13 +132,13 @@ def names(output: str) -> list[str]:
     return [line.split("  ")[0] for block in blocks for line in block[2:]]
 
 
-def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    output = lilgym("evaluate", run, "--corpus", own, "--out", tmp_path / "results.json")
+def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run, own):
+    output = output_of(capsys, f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     ppo = f"ppo ({run})"
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert "\nTowerScratch, 3 episodes\n" in output
     assert "rewards, and programs to exchange colours" in output
-    written = json.loads((tmp_path / "results.json").read_text())
+    written = read_json(tmp_path / "results.json")
     agent = written["results"][0]
     assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
     assert agent["supervision"].startswith("rewards, and programs to exchange colours (corpus")
@@ -186,20 +147,18 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
-    run = tmp_path / "run"
-    small = ["--updates", 10, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out-statements", 5]
-    output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
-    assert f"lilgym-mp evaluate {run} --corpus {own}" in output
-    assert names(lilgym("evaluate", run, "--corpus", own))[0] == f"parse-and-plan ({run})"
-    output = lilgym("explain", "There is a blue block.", "--agent", run)
+def test_parse_and_plan__is_trained_and_explains(capsys, tmp_path, own):
+    small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
+    output = output_of(capsys, f"train parse-and-plan --corpus {own} {small} --out", tmp_path)
+    assert f"lilgym-mp evaluate {tmp_path} --corpus {own}" in output
+    output = output_of(capsys, "explain 'There is a blue block.' --agent", tmp_path)
     assert "parsed words: there is a blue block" in output
     assert "predicted probability of success:" in output
 
 
-def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
+def test_explain__explains_a_task_with_its_outcome(capsys):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
-    output = lilgym("explain", "--task", task.id)
+    output = output_of(capsys, "explain --task", task.id)
     assert "outcome: " in output
     explained, *drawn = output.split("\n 0   1   2")
     assert task.statement in explained
@@ -207,9 +166,9 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
 
 
-def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):
+def test_explain__parses_the_statements_of_a_file(capsys, tmp_path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
-    block, blank, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
+    block, blank, zorblax = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.txt"))
     assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     assert (blank["line"], blank["statement"], blank["programs"]) == (2, "", [])
@@ -218,9 +177,9 @@ def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path
     assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
 
 
-def test_explain__reads_a_csv_file_by_its_header(lilgym: LilGym, tmp_path: Path):
+def test_explain__reads_a_csv_file_by_its_header(capsys, tmp_path):
     (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
-    found = json.loads(lilgym("explain", "--file", tmp_path / "own.csv", "--json"))
+    found = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv"))
     assert [(each["line"], each["id"], each["statement"]) for each in found] == [
         (2, "7", "There is a blue block."),
         (4, "", ""),
@@ -231,31 +190,31 @@ def test_explain__reads_a_csv_file_by_its_header(lilgym: LilGym, tmp_path: Path)
         list(_sentences(tmp_path / "own.csv"))
 
 
-def test_explain__says_that_nothing_was_understood_without_readings(lilgym: LilGym):
-    output = lilgym("explain", "asdf qwerty", "--false")
+def test_explain__says_that_nothing_was_understood_without_readings(capsys):
+    output = output_of(capsys, "explain 'asdf qwerty' --false")
     assert "nothing was understood" in output
     assert "satisfied" not in output
     assert "probability of success" not in output
 
 
-def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):
+def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path, own):
     """The included network for Tower samples in FlipIt, as that did better on statements held out of training."""
     from lilgym_mp import load_agent
     from lilgym_mp.evaluation.policies import AS_TRAINED, SAMPLED
 
     assert load_agent("imitation-tower", "cpu").description.details["stop_rules"]["TowerFlipIt"]["sampled"]
-    command = ["evaluate", "imitation-tower", "--alone", "--configuration", "TowerFlipIt", "--corpus", str(own)]
-    assert main([*command, "--actions", "greedy", "sampled", "--record", str(tmp_path)]) == 0
+    command = f"evaluate imitation-tower --alone --configuration TowerFlipIt --corpus {own}"
+    succeeds(f"{command} --actions greedy sampled --record", tmp_path)
     assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
 
 
-def test_evaluate__records_each_action_mode(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    command = ["evaluate", run, "--corpus", own, "--name", "mine", "--record", tmp_path / "kept"]
-    assert ", sampled " in lilgym(*command, "--policy", "random-type")
+def test_evaluate__records_each_action_mode(capsys, tmp_path, run, own):
+    command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
+    assert ", sampled " in output_of(capsys, f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
     assert {(header.agent, header.actions, header.mask) for header in headers} == {
         *(("mine", actions, True) for actions in ("greedy", "sampled")),
         ("random type", "sampled", False),
     }
     assert {header.training_seed for header in headers if header.agent == "mine"} == {0}
-    assert main([str(word) for word in command]) == USAGE_ERROR  # the files exist
+    assert lilgym(command) == USAGE_ERROR  # the files exist

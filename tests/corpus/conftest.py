@@ -18,10 +18,10 @@ def entries() -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def written(tmp_path: Path) -> Callable[..., Path]:
+def written(tmp_path) -> Callable[..., Path]:
     """A function that writes entries to a corpus file and returns its path."""
 
-    def write(entries: list[dict[str, Any]], name: str = "own.jsonl") -> Path:
+    def write(entries, name="own.jsonl"):
         write_corpus(tmp_path / name, "own", "MIT", entries)
         return tmp_path / name
 
@@ -29,13 +29,13 @@ def written(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def released(tmp_path: Path) -> Path:
+def released(tmp_path) -> Path:
     """A directory of files in the released format, with a test split, of our own statements."""
     return write_released(tmp_path / "released")
 
 
 @pytest.fixture
-def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def small_release(released, monkeypatch) -> Path:
     """A directory of two files registered as released: one verified by content, one by numbers."""
     register_as_official(released, monkeypatch)
     return released

@@ -61,7 +61,7 @@ def test_builtin__is_small_and_has_the_recorded_checksum():
 
 
 @pytest.mark.parametrize(("appearance", "start"), [("tower", "flipit"), ("scatter", "scratch")])
-def test_builtin__loads_like_a_validated_copy(appearance: str, start: str, tmp_path: Path):
+def test_builtin__loads_like_a_validated_copy(appearance, start, tmp_path):
     text = gzip.decompress(SHIPPED.read_bytes())
     (tmp_path / "copy.jsonl").write_bytes(text + b"\n")
     copy = load_tasks(tmp_path / "copy.jsonl", appearance, start, "dev")
@@ -72,7 +72,7 @@ def test_builtin__loads_like_a_validated_copy(appearance: str, start: str, tmp_p
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
-def test_builtin__has_the_statements_and_programs_of_its_source(appearance: str, split: str):
+def test_builtin__has_the_statements_and_programs_of_its_source(appearance, split):
     source = tomllib.loads(SOURCE.read_text(encoding="utf-8"))[appearance][split]
     tasks = load_tasks("builtin", appearance, "scratch", split)
     assert len(tasks) == SIZES[split]
@@ -81,7 +81,7 @@ def test_builtin__has_the_statements_and_programs_of_its_source(appearance: str,
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
-def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_values(appearance: str, split: str):
+def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_values(appearance, split):
     found = starts(appearance, split)
     assert len(found) == SIZES[split]
     for statement, tasks in found.items():
@@ -93,7 +93,7 @@ def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_va
 
 @pytest.mark.parametrize("split", ["dev", "test"])
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance: str, split: str):
+def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance, split):
     train = {statement_form(task.statement) for task in load_tasks("builtin", appearance, "scratch", "train")}
     tasks = load_tasks("builtin", appearance, "scratch", split)
     seen = [statement_form(task.statement) in train for task in tasks]
@@ -102,7 +102,7 @@ def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance: str, spli
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__statements_are_distinct(appearance: str):
+def test_builtin__statements_are_distinct(appearance):
     statements = [normalised(task.statement) for split in scratch(appearance) for task in split]
     assert len(set(statements)) == len(statements)
 

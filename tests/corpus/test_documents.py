@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_all_tasks
+from tests.command_line import succeeds
 from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,8 +21,8 @@ OFFICIAL = DOCS / "official_data.md"
 
 
 @pytest.mark.usefixtures("official_data")
-def test_official_page__matches_the_command_output(capsys: pytest.CaptureFixture[str]):
-    assert main(["data", "stats", "lilgym"]) == 0
+def test_official_page__matches_the_command_output(capsys):
+    succeeds("data stats lilgym")
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)
     shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
@@ -47,12 +47,12 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("official_data")
-def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
     script = load_script("write_result_tables")
     published = {name: script.read(name) for name in ("returns", "behaviour")}
     monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(script.RESULTS, tmp_path / "results")))
-    record = ["--corpus", "lilgym", "--optimal", "--record", str(tmp_path / "recordings")]
-    assert main(["evaluate", "--policy", "expert", "--configuration", "TowerFlipIt", *record]) == 0
+    command = "evaluate --policy expert --configuration TowerFlipIt --corpus lilgym --optimal --record"
+    succeeds(command, tmp_path / "recordings")
     for name, rows in published.items():
         script.write(name, [row for row in rows if row[:2] != ["expert", "TowerFlipIt"]])
     script.add("10", [*(tmp_path / "recordings").glob("*.gz")])
@@ -60,28 +60,30 @@ def test_added_recording__gives_the_published_numbers(tmp_path: Path, monkeypatc
         assert sorted(script.read(name)) == sorted(rows)
 
 
-def test_runs_of_an_experiment__replace_the_published_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch):
     script = load_script("write_result_tables")
     monkeypatch.setattr(script, "RESULTS", Path(shutil.copytree(DOCS / "results", tmp_path / "results")))
     before = script.read("runs")
     (tmp_path / "finished").mkdir()
-    for name, *lines in (
-        ("imitation-TowerFlipIt-1", {"updates": 3600, "states": 1, "cpu_seconds": 90}),
-        ("ppo-TowerFlipIt-2", {"steps": 200_000, "cpu_seconds": 66}, {"best_steps": 130_000}),
-    ):
-        (run := tmp_path / "runs" / name).mkdir(parents=True)
+    progress = {
+        "imitation-TowerFlipIt-1": '{"updates": 3600, "states": 1, "cpu_seconds": 90}\n',
+        "ppo-TowerFlipIt-2": '{"steps": 200000, "cpu_seconds": 66}\n',
+    }
+    for name, line in progress.items():
+        run = tmp_path / "runs" / name
+        run.mkdir(parents=True)
         (tmp_path / "finished" / f"{name}.json").touch()
         (run / "run.json").write_text('{"made": {"commit": "0123456789 with changes"}}')
-        for file, line in zip(("progress", "validations"), lines, strict=False):
-            (run / f"{file}.jsonl").write_text(f'{{"updates": 0}}\n{json.dumps(line)}\n')
-    recordings = str(tmp_path / "episodes" / "ppo-TowerFlipIt-2")
-    assert main(["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", recordings]) == 0
+        (run / "progress.jsonl").write_text(f'{{"updates": 0}}\n{line}')
+    (run / "validations.jsonl").write_text('{"best_steps": 130000}\n')
+    recordings = tmp_path / "episodes" / "ppo-TowerFlipIt-2"
+    succeeds("evaluate --policy expert --configuration TowerScratch --record", recordings)
     (tmp_path / "finished" / "new-0.json").touch()
     assert script.write_runs(tmp_path) == ["new-0"]
     changed = [row for row in script.read("runs") if row not in before]
     assert changed == [
         ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "1.5", "3,600", ""],
-        ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "1.1", "0.13 million", script.digest(Path(recordings))],
+        ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "1.1", "0.13 million", script.digest(recordings)],
     ]
 
 
@@ -129,11 +131,11 @@ def test_hub_dataset__has_every_task_as_flat_rows_and_a_card_that_names_its_file
 
 
 @pytest.mark.long
-def test_croissant__is_valid_and_can_be_read(tmp_path: Path):
+def test_croissant__is_valid_and_can_be_read(tmp_path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
     for name in ("croissant.json", "builtin.jsonl.gz"):
         (tmp_path / name).write_bytes((ROOT / "data" / name).read_bytes())
-    assert main(["data", "export", "builtin", "--out", str(tmp_path / "builtin-tasks.jsonl")]) == 0
+    succeeds("data export builtin --out", tmp_path / "builtin-tasks.jsonl")
     dataset = mlcroissant.Dataset(jsonld=str(tmp_path / "croissant.json"))
     assert not dataset.metadata.ctx.issues.errors
     assert not dataset.metadata.ctx.issues.warnings

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import matching_corpus, solvable_matching_corpus
 from tests.corpora import write_own_corpus
+from tests.json_files import read_json_lines
 
 
-def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path: Path):
+def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path):
     corpus = write_own_corpus(tmp_path / "own.jsonl")
-    lines = [json.loads(line) for line in corpus.read_text().splitlines()]
+    lines = read_json_lines(corpus)
     without = next(line for line in lines[1:] if (line["appearance"], line["split"]) == ("tower", "train"))
     without["starts"] = [start for start in without["starts"] if not start["label"]]
     corpus.write_text("\n".join(map(json.dumps, lines)))

@@ -35,36 +35,35 @@ KNOWN = frozenset(WORDS.split())
         ("", ""),
     ],
 )
-def test_normalised_words__plain_words(statement: str, words: str) -> None:
+def test_normalised_words__plain_words(statement, words):
     assert normalised_words(statement, KNOWN) == words.split()
 
 
-def test_normalised_words__a_word_that_could_be_several_is_kept() -> None:
+def test_normalised_words__a_word_that_could_be_several_is_kept():
     assert normalised_words("blicks", ["blocks", "bricks"]) == ["blicks"]
     assert normalised_words("tirangle", ["triangle", "triangles"]) == ["triangle"], "the one with the same last letter"
 
 
-def test_normalised_words__known_words_are_never_changed() -> None:
+def test_normalised_words__known_words_are_never_changed():
     assert normalised_words("tower towel blok", ["tower", "towel", "blok", "block"]) == ["tower", "towel", "blok"]
 
 
 @pytest.mark.parametrize(
     ("typed", "read"),
-    [
-        *[("look", "look"), ("green", "green"), ("bloc", "block"), ("around", "around"), ("when", "when")],
-        *[("hte", "the"), ("squere", "square"), ("riangle", "triangle"), ("lock", "lock"), ("blxxk", "blxxk")],
-        *[
-            ("colour", "color"),
-            ("blocks", "block"),
-            ("on", "on"),
-            ("last", "last"),
-            ("black", "black"),
-            ("inside", "inside"),
-        ],
-        *[("hexagn", "hexagn"), ("abot", "abot"), ("bxo", "box"), ("bix", "bix"), ("own", "own"), ("nearby", "nearby")],
-    ],
+    {
+        "bloc": "block",
+        "hte": "the",
+        "squere": "square",
+        "riangle": "triangle",
+        "colour": "color",
+        "bxo": "box",
+        **{
+            word: word for word in ("look", "green", "around", "when", "lock", "blxxk", "blocks", "on", "last", "black")
+        },
+        **{word: word for word in ("inside", "hexagn", "abot", "bix", "own", "nearby")},
+    }.items(),
 )
-def test_normalised_words__corrects_only_to_words_that_are_spelt_right(typed: str, read: str) -> None:
+def test_normalised_words__corrects_only_to_words_that_are_spelt_right(typed, read):
     mistyped = ("blook", "greey", "blokc", "blocs", "hve", "hexagon", "about")
     known = KNOWN | {*mistyped, "then", "ground", "down", "nearly"}
     known = (known | {"side", "least"}) - {typed}
@@ -72,7 +71,7 @@ def test_normalised_words__corrects_only_to_words_that_are_spelt_right(typed: st
     assert corrections(f"A box, {typed.upper()}!", known) == ({typed: read} if typed != read else {})
 
 
-def test_normalised_words__never_correct_other_words() -> None:
+def test_normalised_words__never_correct_other_words():
     assert not word_lists().others & word_lists().well_spelt
     for word in sorted(word_lists().others):
         assert normalised_words(word, word_lists().well_spelt) == [word]
@@ -81,13 +80,13 @@ def test_normalised_words__never_correct_other_words() -> None:
 @pytest.mark.parametrize(
     "written", ["Look, every box is black!", "look, every box is black", '"Look", every box is BLACK.']
 )
-def test_normalised_words__an_unknown_first_word_before_a_comma_is_left_out(written: str) -> None:
+def test_normalised_words__an_unknown_first_word_before_a_comma_is_left_out(written):
     assert normalised_words(written, KNOWN | {"every"}) == ["every", "box", "is", "black"]
     assert corrections(written, KNOWN | {"every"}) == {"look": ""}
     assert normalised_words("yellow, black", KNOWN) == ["yellow", "black"]
 
 
-def test_normalised_words__very_long_words_are_kept() -> None:
+def test_normalised_words__very_long_words_are_kept():
     assert normalised_words("x" * 10_000, KNOWN) == ["x" * 10_000]
     assert len(normalised_words("qzfw yelow " * 5_000, KNOWN)) == 10_000
 
@@ -102,19 +101,19 @@ def test_normalised_words__very_long_words_are_kept() -> None:
         ("", ""),
     ],
 )
-def test_first_word__gets_the_letter_back_that_it_has_lost(statement: str, words: str) -> None:
+def test_first_word__gets_the_letter_back_that_it_has_lost(statement, words):
     known = {"all", "at", "least", "the", "boxes", "are", "gray", "we"}
     assert normalised_words(statement, known) == words.split()
 
 
-def test_normalised_words__common_words_never_become_numbers() -> None:
+def test_normalised_words__common_words_never_become_numbers():
     kept = "there on the right often someone alone fine line tow tree for"
     assert normalised_words(kept, KNOWN | {"some", "any", "of", "al"}) == kept.split()
     assert NUMBERS.keys() <= word_lists().well_spelt
     assert normalised_words("thhree fuor twoblocks", KNOWN | {"blocks"}) == ["3", "4", "2", "blocks"]
 
 
-def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt() -> None:
+def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt():
     statements = {task.statement for tasks in load_all_tasks("builtin") for task in tasks}
     train = {task.statement for tasks in load_all_tasks("builtin", splits=["train"]) for task in tasks}
     counts = Counter(word for statement in train for word in set(plain_words(statement)))
@@ -123,7 +122,7 @@ def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt()
     assert {word: found[word] for word in found if found[word] in NUMBERS} == {"fuor": "four", "thhree": "three"}
 
 
-def test_plain_words__of_the_builtin_statements_are_those_that_shipped_parsers_were_trained_on() -> None:
+def test_plain_words__of_the_builtin_statements_are_those_that_shipped_parsers_were_trained_on():
     statements = sorted({task.statement for tasks in load_all_tasks("builtin", starts=["scratch"]) for task in tasks})
     digest = hashlib.sha256("\n".join(" ".join(plain_words(statement)) for statement in statements).encode())
     assert digest.hexdigest()[:16] == "ff7834a37773ef79"

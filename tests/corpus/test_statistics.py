@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from lilgym_mp.cli.data_report import programs_of, statement_row, statistics_text, task_row
@@ -13,12 +9,9 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks
 
-Entries = list[dict[str, Any]]
-Writer = Callable[..., Path]
-
 
 @pytest.fixture
-def sets(entries: Entries, written: Writer) -> list[TaskSet]:
+def sets(entries, written) -> list[TaskSet]:
     """Two Tower train statements, and three dev statements that share one statement and one form."""
     program = "count(filter_color(all_items, Color.BLACK)) == 3"
     dev = [("again", "blue is HERE"), ("form", "Black is here."), ("new", "Nothing alike at all.")]
@@ -29,48 +22,46 @@ def sets(entries: Entries, written: Writer) -> list[TaskSet]:
     return list(load_all_tasks(written(entries)))
 
 
-def test_load_all_tasks__omits_empty_sets(entries: Entries, written: Writer):
-    found = [
-        (s.provenance.appearance, s.provenance.start, s.provenance.split) for s in load_all_tasks(written(entries))
-    ]
-    assert found == [
-        ("tower", "scratch", "train"),
-        ("tower", "flipit", "train"),
-        ("scatter", "scratch", "dev"),
-        ("scatter", "flipit", "dev"),
+def test_load_all_tasks__omits_empty_sets(entries, written):
+    found = [tasks.provenance for tasks in load_all_tasks(written(entries))]
+    assert [f"{each.appearance} {each.start} {each.split}" for each in found] == [
+        "tower scratch train",
+        "tower flipit train",
+        "scatter scratch dev",
+        "scatter flipit dev",
     ]
 
 
-def test_load_all_tasks__a_corpus_without_tasks_is_an_error(written: Writer, tmp_path: Path):
+def test_load_all_tasks__a_corpus_without_tasks_is_an_error(written, tmp_path):
     with pytest.raises(NoTasksError, match="has no tasks"):
         list(load_all_tasks(written([])))
     with pytest.raises(NoTasksError, match="has no tasks"):
         list(load_all_tasks(tmp_path))
 
 
-def test_task_row__counts_tasks_and_contexts(sets: list[TaskSet]):
+def test_task_row__counts_tasks_and_contexts(sets):
     rows = list(map(task_row, sets))
     assert ["TowerFlipIt", "train", 3, 3, 1] in rows
     assert ["TowerScratch", "dev", 3, 3, 0] in rows
 
 
-def test_statement_row__counts_statements_forms_and_words_and_seen_in_train_ignores_case(sets: list[TaskSet]):
+def test_statement_row__counts_statements_forms_and_words_and_seen_in_train_ignores_case(sets):
     programs = programs_of(sets)
     assert statement_row(programs, "tower", "train")[:4] == ["tower train", 2, 2, 7]
     assert statement_row(programs, "tower", "dev") == ["tower dev", 3, 2, 8, 10 / 3, 4, 1, 2, 4]
     assert statement_row(programs, "scatter", "dev")[-3:] == [None] * 3
 
 
-def test_statistics__count_distinct_statements(sets: list[TaskSet]):
+def test_statistics__count_distinct_statements(sets):
     assert "6 statements with" in statistics_text("own", sets)
 
 
-def test_statistics__include_the_papers_counts_for_released_files(released: Path):
+def test_statistics__include_the_papers_counts_for_released_files(released):
     rows = {row[0]: row for row in map(task_row, load_all_tasks(released))}
     assert rows["TowerFlipIt"][-2:] == [1_383, 619]
 
 
-def test_statistics__of_the_official_dev_split(official_data: Path, tmp_path: Path):
+def test_statistics__of_the_official_dev_split(official_data, tmp_path):
     for name in ("tower_scratch_train", "tower_scratch_dev"):
         (tmp_path / f"{name}.json").symlink_to(official_data / f"{name}.json")
     sets = list(load_all_tasks(tmp_path))

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -19,15 +16,12 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from tests.scenes import items_apart
 
-Entries = list[dict[str, Any]]
-Writer = Callable[..., Path]
-
 APPEARANCE_NAMES = sorted(APPEARANCES)
 THREE_BLUE = "count(filter_color(all_items, Color.BLUE)) == 3"
 
 
 @given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
-def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed: int, appearance: str):
+def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed, appearance):
     rng = random.Random(seed)
     scene = sampler_of(appearance).scene(rng)
     changed = sampler_of(appearance).changed(rng, scene)
@@ -38,7 +32,7 @@ def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed: in
 
 
 @pytest.mark.parametrize("appearance", APPEARANCE_NAMES)
-def test_start_scenes__are_pairs_that_differ_by_one_item_and_truth_value(appearance: str):
+def test_start_scenes__are_pairs_that_differ_by_one_item_and_truth_value(appearance):
     starts = start_scenes(THREE_BLUE, appearance, random.Random(1), count=6)
     assert [start.label for start in starts] == [True, False] * 3
     assert [start.label for start in starts] == [compile_program(THREE_BLUE)(start.scene) for start in starts]
@@ -48,7 +42,7 @@ def test_start_scenes__are_pairs_that_differ_by_one_item_and_truth_value(appeara
 
 
 @pytest.mark.parametrize(("program", "value"), [("exist(all_items)", True), ("count(all_items) > 900", False)])
-def test_start_scenes__may_have_a_single_truth_value(program: str, value: bool):
+def test_start_scenes__may_have_a_single_truth_value(program, value):
     starts = start_scenes(program, "tower", random.Random(1), count=4, walks=20)
     assert [start.label for start in starts] == [value] * 4
 
@@ -59,7 +53,7 @@ def test_start_scenes__scenes_without_a_truth_value_are_skipped():
     assert {start.label for start in starts} == {True, False}
 
 
-def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tmp_path: Path):
+def test_synthesize__yields_a_valid_corpus(entries, written, tmp_path):
     found = synthesize(written(entries), starts=2)
     path = tmp_path / "new.jsonl"
     write_corpus(path, "new", "MIT", found)
@@ -69,7 +63,7 @@ def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tm
     assert [task.target for task in tasks] == [False, True, False, True]
 
 
-def test_synthesize__keeps_tags(entries: Entries, written: Writer, tmp_path: Path):
+def test_synthesize__keeps_tags(entries, written, tmp_path):
     entries[0]["tags"] = ["negation"]
     write_corpus(tmp_path / "new.jsonl", "new", "MIT", synthesize(written(entries), starts=2))
     tasks = load_tasks(tmp_path / "new.jsonl", "tower", "flipit", "train")
@@ -77,13 +71,13 @@ def test_synthesize__keeps_tags(entries: Entries, written: Writer, tmp_path: Pat
     assert [entry.get("tags") for entry in flipit_entries(tasks)] == [["negation"], None]
 
 
-def test_synthesize__scenes_depend_on_seed_and_statement_only(entries: Entries, written: Writer):
+def test_synthesize__scenes_depend_on_seed_and_statement_only(entries, written):
     both = list(synthesize(written(entries), ["tower"], seed=3))
     alone = list(synthesize(written(entries[1:2]), ["tower"], seed=3))
     assert alone == both[1:]
     assert alone != list(synthesize(written(entries[1:2]), ["tower"], seed=4))
 
 
-def test_synthesize__duplicate_ids_are_made_unique(released: Path):
+def test_synthesize__duplicate_ids_are_made_unique(released):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
     assert [entry["id"] for entry in synthesize(released)] == ["tower-dev-7", "tower-test-7"]

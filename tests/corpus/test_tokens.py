@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -51,7 +49,7 @@ def test_decode__inverts_encode():
 
 
 @pytest.mark.parametrize("words_known", [("blue", "two"), ("blue", "x", "xxxx"), ()])
-def test_statement__encodes_to_its_token_ids(words_known: tuple[str, ...]):
+def test_statement__encodes_to_its_token_ids(words_known):
     vocabulary = Vocabulary(words_known)
     encoded = vocabulary.encode("two green blue x", 6)
     assert vocabulary.encode(vocabulary.statement(encoded), 6).tolist() == encoded.tolist()
@@ -67,14 +65,14 @@ def test_vocabulary__duplicate_words_are_an_error():
         Vocabulary(("a", "b", "a"))
 
 
-def test_load__inverts_save(tmp_path: Path):
+def test_load__inverts_save(tmp_path):
     vocabulary = Vocabulary.from_statements(["It's caf\u00e9 blue."])
     vocabulary.save(tmp_path / "words.json")
     assert Vocabulary.load(tmp_path / "words.json") == vocabulary
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "other", "version": 1, "words": []}', '{"words": ["a"]}'])
-def test_load__invalid_files_are_errors_naming_the_file(tmp_path: Path, text: str):
+def test_load__invalid_files_are_errors_naming_the_file(tmp_path, text):
     (tmp_path / "words.json").write_text(text)
     with pytest.raises(VocabularyError, match=r"words\.json"):
         Vocabulary.load(tmp_path / "words.json")

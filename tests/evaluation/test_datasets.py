@@ -6,7 +6,7 @@ import errno
 import gzip
 import json
 from collections.abc import Callable
-from pathlib import Path
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from lilgym_mp import action_masks
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import Vocabulary, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import Episode, datasets
 from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
+from tests.command_line import error_of, lilgym, succeeds
+from tests.json_files import read_json_lines
 
-Captured = pytest.CaptureFixture[str]
 Collect = Callable[..., Any]
 PARTS = {
     "image": {"image"},
@@ -32,13 +32,13 @@ PARTS = {
 
 
 @pytest.fixture
-def collect(tmp_path: Path) -> Collect:
+def collect(tmp_path) -> Collect:
     """Writes an npz file with `lilgym-mp data collect` and reads it."""
 
-    def collected(configuration: str, *options: str) -> Any:
-        command = ["data", "collect", configuration, "--split", "dev", "--force", *options]
-        assert main([*command, "--out", str(tmp_path / "own.npz")]) == 0
-        return np.load(tmp_path / "own.npz")
+    def collected(arguments):
+        succeeds(f"data collect {arguments} --split dev --force --out", tmp_path / "own.npz")
+        with np.load(tmp_path / "own.npz") as file:
+            return dict(file)
 
     return collected
 
@@ -49,21 +49,30 @@ def environment(configuration: str, form: str) -> gym.Env[Any, Any]:
     return {"text": TextObservation, "structured": StructuredObservation}.get(form, lambda env: env)(env)
 
 
-@pytest.mark.parametrize("form", PARTS)
-@pytest.mark.parametrize(("configuration", "quality"), [("TowerFlipIt", "random-legal"), ("ScatterScratch", "expert")])
-def test_fields__are_what_the_environment_shows(collect: Collect, configuration: str, form: str, quality: str):
-    found = collect(configuration, "--episodes", "6", "--quality", quality, "--observation", form, "--returns-to-go")
+@pytest.mark.parametrize(
+    ("configuration", "quality", "form"),
+    [
+        ("TowerFlipIt", "random-legal", "image"),
+        ("ScatterScratch", "expert", "tokens"),
+        ("ScatterScratch", "random-legal", "structured"),
+        ("TowerFlipIt", "expert", "text"),
+    ],
+)
+def test_fields__are_what_the_environment_shows(collect, configuration, form, quality):
+    found = collect(f"{configuration} --episodes 4 --quality {quality} --observation {form} --returns-to-go")
     env = environment(configuration, form)
-    for index, (begin, end) in enumerate(zip(found["starts"][:-1], found["starts"][1:], strict=True)):
+    for index, (begin, end) in enumerate(pairwise(found["starts"])):
         observed, info = env.reset(options={"task": str(found["task"][index])})
-        returned = 0.0
+        if "tokens" in PARTS[form]:
+            assert np.array_equal(found["tokens"][index], observed["statement"])
+        returned, ends = 0.0, [False]
         for step in range(begin, end):
-            if form == "text":
-                assert observed == found["text"][step]
-            else:
-                for name in PARTS[form] - {"tokens"}:
-                    width = slice(None, observed[name].shape[1])  # dev's slots alone may be fewer
-                    assert np.array_equal(observed[name], found[name][step][:, width])
+            shown = {"text": observed} if form == "text" else observed
+            for name in PARTS[form] - {"tokens"}:
+                kept = np.asarray(found[name][step])
+                assert np.array_equal(
+                    shown[name], kept[tuple(map(slice, np.shape(shown[name])))]
+                )  # dev has fewer slots
             assert np.array_equal(action_masks(env), found["legal"][step])
             observed, reward, *ends, info = env.step(int(found["action"][step]))
             assert (reward, *ends) == (found["reward"][step], found["terminated"][step], found["truncated"][step])
@@ -71,28 +80,24 @@ def test_fields__are_what_the_environment_shows(collect: Collect, configuration:
         assert any(ends)
         assert found["return_to_go"][begin] == pytest.approx(returned)
         assert info["outcome"] == found["outcome"][index]
-        if form in ("tokens", "structured"):
-            assert np.array_equal(
-                found["tokens"][index], env.reset(options={"task": str(found["task"][index])})[0]["statement"]
-            )
-    assert set(found.files) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
+    assert set(found) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
     assert (found["outcome"] == "success").all() == (quality == "expert")
     about = json.loads(str(found["about"]))
     assert about["wrappers"] == {"structured": ["StructuredObservation"], "text": ["TextObservation"]}.get(form, [])
-    if form in ("tokens", "structured"):
+    if "tokens" in PARTS[form]:
         ids = found["tokens"][0]
         assert about["length"] == len(ids)
         statement = str(found["statement"][0])
         assert np.array_equal(Vocabulary(tuple(about["vocabulary"])).encode(statement, len(ids)), ids)
 
 
-def test_mixed__has_a_third_of_each_quality(collect: Collect):
-    found = collect("TowerScratch", "--episodes", "9", "--quality", "mixed")
+def test_mixed__has_a_third_of_each_quality(collect):
+    found = collect("TowerScratch --episodes 9 --quality mixed")
     assert found["agent"].tolist() == ["expert"] * 3 + ["imitation-tower"] * 3 + ["random-legal"] * 3
 
 
-def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
-    found = collect("TowerScratch", "--episodes", "5", "--optimal-actions")
+def test_optimal__has_all_first_actions_of_shortest_solutions(collect):
+    found = collect("TowerScratch --episodes 5 --optimal-actions")
     taken = found["optimal"][np.arange(len(found["action"])), found["action"]]
     assert taken.all()
     assert found["optimal"].sum() > len(taken)
@@ -103,30 +108,28 @@ def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
     settings = EnvConfig("TowerScratch", rules="release")
     env = settings.make("dev")
     env.reset(options={"task": env.tasks[0].id})
-    edits = [1, 10] * 5  # a block is added and removed again
-    results = [env.step(action)[2:4] for action in [*edits, 0]]
+    actions = [1, 10] * 5 + [0]  # a block is added and removed again
+    results = [env.step(action)[2:4] for action in actions]
     assert results[-1] == (True, True)
-    decode = env.dynamics.appearance.decode
     outcome = "success" if env.goal_reached() else "wrong_stop"
-    episode = Episode.of(env.tasks[0], [*map(decode, edits), STOP], outcome, env.dynamics)
+    episode = Episode.of(env.tasks[0], [*map(env.dynamics.appearance.decode, actions)], outcome, env.dynamics)
     sources = [datasets.Source(settings, "dev", "own", [episode])]
     (rollout,) = datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image"))
     assert rollout.steps["terminated"].tolist() == [False] * 10 + [True]
     assert not rollout.steps["truncated"].any()
 
 
-def test_files__of_equal_options_and_seeds_are_equal(tmp_path: Path):
+def test_files__of_equal_options_and_seeds_are_equal(tmp_path):
     first, again = tmp_path / "first.jsonl.gz", tmp_path / "again.jsonl.gz"
     for place in (first, again):
-        assert main(["data", "collect", "ScatterScratch", "--episodes", "7", "--seed", "3", "--out", str(place)]) == 0
+        succeeds("data collect ScatterScratch --episodes 7 --seed 3 --out", place)
     assert first.read_bytes() == again.read_bytes()
 
 
-def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: Collect, tmp_path: Path):
-    options = ["--episodes", "3", "--optimal-actions"]
-    arrays = collect("TowerFlipIt", *options)
-    command = ["data", "collect", "TowerFlipIt", "--split", "dev", *options]
-    assert main([*command, "--out", str(tmp_path / "own.jsonl.gz")]) == 0
+def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, tmp_path):
+    command = "TowerFlipIt --episodes 3 --optimal-actions"
+    arrays = collect(command)
+    succeeds(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz")
     with gzip.open(tmp_path / "own.jsonl.gz", "rt", encoding="utf-8") as file:
         rows = [json.loads(line) for line in file]
     assert [row["statement"] for row in rows] == arrays["statement"].tolist()
@@ -135,41 +138,32 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: 
     assert rows[0]["image"][0].startswith("iVBORw0KGgo")  # PNG in base64
 
 
-def test_parquet__holds_the_rows_of_json_lines(tmp_path: Path):
-    parquet: Any = pytest.importorskip("pyarrow.parquet")
+def test_parquet__holds_the_rows_of_json_lines(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
     for name in ("own.parquet", "own.jsonl"):
-        options = ["--episodes", "4", "--observation", "structured", "--out", str(tmp_path / name)]
-        assert main(["data", "collect", "TowerScratch", *options]) == 0
-    rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
+        succeeds("data collect TowerScratch --episodes 4 --observation structured --out", tmp_path / name)
+    rows = read_json_lines(tmp_path / "own.jsonl")
     assert parquet.read_table(tmp_path / "own.parquet").to_pylist() == rows
 
 
 # Recordings
 
 
-@pytest.fixture
-def recordings(tmp_path: Path) -> Path:
-    for configuration in ("TowerScratch", "ScatterScratch"):
-        options = ["--configuration", configuration, "--record", str(tmp_path / "runs"), "--split", "dev"]
-        assert main(["evaluate", "--policy", "random-legal", *options]) == 0
-    return tmp_path / "runs"
-
-
-def test_recordings__become_a_data_set(recordings: Path, tmp_path: Path, capsys: Captured):
+def test_recordings__become_a_data_set(tmp_path, capsys):
     out = tmp_path / "own.npz"
-    command = ["data", "from-recordings", str(recordings), "--out", str(out)]
-    assert main(command) == 2
-    assert "episodes of ScatterScratch, TowerScratch cannot be one data set; choose with" in capsys.readouterr().err
+    played = "evaluate --policy random-legal --configuration TowerScratch ScatterScratch --record"
+    succeeds(played, tmp_path / "runs")
+    command = f"data from-recordings {tmp_path / 'runs'} --out {out}"
+    assert "episodes of ScatterScratch, TowerScratch cannot be one data set; choose with" in error_of(capsys, command)
     assert not out.exists()
-    assert main([*command, "--configuration", "TowerScratch"]) == 0
+    succeeds(f"{command} --configuration TowerScratch")
     with np.load(out) as found:
         assert found["task"].tolist() == list(load_tasks("builtin", "tower", "scratch", "dev").ids)
         assert set(found["agent"]) == {"random legal"}
-    assert main([*command, "--configuration", "TowerFlipIt", "--force"]) == 2
-    assert "no finished episodes of TowerFlipIt" in capsys.readouterr().err
+    assert "no finished episodes of TowerFlipIt" in error_of(capsys, f"{command} --configuration TowerFlipIt --force")
 
 
-def test_played_episodes__become_a_data_set(tmp_path: Path):
+def test_played_episodes__become_a_data_set(tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
     fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "task_id": task.id}
@@ -177,7 +171,7 @@ def test_played_episodes__become_a_data_set(tmp_path: Path):
         for actions, outcome in (([3, 0], "success"), ([3], None)):  # 3 adds a blue block
             played = {"id": str(outcome), "configuration": "TowerScratch", "actions": actions, "outcome": outcome}
             database.save_episode(connection, database.PlayedEpisode(**fields, **played))
-    assert main(["data", "from-recordings", str(tmp_path / "web.sqlite3"), "--out", str(tmp_path / "own.npz")]) == 0
+    succeeds(f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz")
     with np.load(tmp_path / "own.npz") as found:
         assert (found["agent"].tolist(), found["action"].tolist()) == (["Ada"], [3, 0])
 
@@ -186,11 +180,11 @@ def test_played_episodes__become_a_data_set(tmp_path: Path):
     ("content", "message"),
     [(None, "No such file"), (b"SQLite format 3\0", "no played episodes that can be read"), (b"text", "damaged")],
 )
-def test_sources__that_cannot_be_read_are_named(content: bytes | None, message: str, tmp_path: Path, capsys: Captured):
+def test_sources__that_cannot_be_read_are_named(content, message, tmp_path, capsys):
     source = tmp_path / "source"
     if content is not None:
         source.write_bytes(content)
-    assert main(["data", "from-recordings", str(source), "--out", str(tmp_path / "own.npz")]) != 0
+    assert lilgym(f"data from-recordings {source} --out", tmp_path / "own.npz") != 0
     printed = capsys.readouterr().err
     assert str(source) in printed
     assert message in printed
@@ -214,53 +208,51 @@ def test_rollouts__that_end_differently_are_refused(actions: list[Action], outco
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "name an output"),
-        (["--out", "own.txt"], "must end in .jsonl, .jsonl.gz, .npz, .parquet, unlike 'own.txt'"),
-        (["--out", "own.npz", "--episodes", "0"], "--episodes must be at least 1"),
-        (["--out", "own.npz", "--seed", "-1"], "--seed must be at least 0"),
-        (["--out", "own.npz", "--agent", "x"], "--agent needs --quality medium or mixed"),
-        (["--out", "own.npz", "--quality", "medium", "--agent", "x"], "no trained agent at x"),
-        (["--out", "old.npz"], "old.npz exists; --force overwrites it"),
+        ("", "name an output"),
+        ("--out own.txt", "must end in .jsonl, .jsonl.gz, .npz, .parquet, unlike 'own.txt'"),
+        ("--out own.npz --episodes 0", "--episodes must be at least 1"),
+        ("--out own.npz --seed -1", "--seed must be at least 0"),
+        ("--out own.npz --agent x", "--agent needs --quality medium or mixed"),
+        ("--out own.npz --quality medium --agent x", "no trained agent at x"),
+        ("--out old.npz", "old.npz exists; --force overwrites it"),
     ],
 )
-def test_collect__names_the_mistake(
-    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-):
+def test_collect__names_the_mistake(options, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old.npz").write_bytes(b"precious")
-    assert main(["data", "collect", "TowerFlipIt", *options]) == 2
-    assert message in capsys.readouterr().err
+    assert message in error_of(capsys, f"data collect TowerFlipIt {options}")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
 
 
-def test_file__does_not_remain_if_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
-    def fail(path: Path, *_: object) -> None:
+def test_file__does_not_remain_if_the_disk_is_full(tmp_path, monkeypatch, capsys):
+    def fail(path, *_):
         path.write_bytes(b"some")
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(datasets, "WRITERS", {".npz": fail})
     place = tmp_path / "own.npz"
-    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--out", str(place)]) == 1
+    assert lilgym("data collect TowerScratch --episodes 2 --out", place) == 1
     assert f"{place}: No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
-def test_minari__missing_is_an_error_before_any_work(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
+def test_minari__missing_is_an_error_before_any_work(monkeypatch, capsys):
     monkeypatch.setattr(datasets, "find_spec", lambda name: None)
-    assert main(["data", "collect", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
-    assert 'needs Minari: pip install "minari[hdf5]' in capsys.readouterr().err
+    assert 'needs Minari: pip install "minari[hdf5]' in error_of(
+        capsys, "data collect TowerFlipIt --minari lilgym/own-v0"
+    )
 
 
 @pytest.fixture
-def minari(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def minari(tmp_path, monkeypatch) -> Any:
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     return pytest.importorskip("minari")
 
 
 @pytest.mark.parametrize("form", PARTS)
-def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, capsys: Captured):
-    command = ["data", "collect", "TowerFlipIt", "--episodes", "5", "--minari", "lilgym/own-v0"]
-    assert main([*command, "--observation", form]) == 0
+def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
+    command = f"data collect TowerFlipIt --episodes 5 --minari lilgym/own-v0 --observation {form}"
+    succeeds(command)
     dataset = minari.load_dataset("lilgym/own-v0")
     env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
     assert (env.unwrapped.tasks.provenance.split, eval_env.unwrapped.tasks.provenance.split) == ("train", "dev")
@@ -277,19 +269,19 @@ def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, c
             assert np.array_equal(action_masks(env), episode.infos["legal"][step])
             observed, *_, info = env.step(int(action))
         assert info["is_success"]
-    assert main([*command, "--observation", form]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in error_of(capsys, command)
 
 
-def test_minari__a_name_without_version_is_refused_before_any_episode(minari: Any, capsys: Captured):
-    assert main(["data", "collect", "TowerFlipIt", "--minari", "tower-expert"]) == 2
-    assert "'tower-expert' cannot name a Minari data set" in capsys.readouterr().err
+def test_minari__a_name_without_version_is_refused_before_any_episode(minari, capsys):
+    assert "'tower-expert' cannot name a Minari data set" in error_of(
+        capsys, "data collect TowerFlipIt --minari tower-expert"
+    )
 
 
-def test_minari__leaves_no_files_if_writing_fails(minari: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def fail(rollout: object) -> None:
+def test_minari__leaves_no_files_if_writing_fails(minari, tmp_path, monkeypatch):
+    def fail(rollout):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(datasets, "_buffer", fail)
-    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--minari", "lilgym/own-v0"]) == 1
+    assert lilgym("data collect TowerScratch --episodes 2 --minari lilgym/own-v0") == 1
     assert not list(tmp_path.rglob("*"))

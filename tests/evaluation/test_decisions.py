@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.evaluation import Observations, Settings, evaluate
+from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episode_files import Recording, read_episodes
-from lilgym_mp.evaluation.policies import Policy, built_in_policy, random_legal
+from lilgym_mp.evaluation.policies import built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
@@ -64,15 +64,13 @@ def test_action_cells__scatter_indices_are_column_major():
     assert count == 95
     for index in (1, 500, 2565, 2600):
         action = SCATTER.decode(index)
-        assert cells[index] == action.column * 5 + action.row  # pyright: ignore[reportAttributeAccessIssue]
+        assert cells[index] == action.column * 5 + action.row
     assert np.bincount(types).tolist() == [1, 2565, 95]
 
 
-@pytest.mark.parametrize("name", ["expert", "random-legal"])
-@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_record__built_in_policies_have_distributions(tmp_path: Path, name: str, configuration: str):
+@pytest.mark.parametrize(("name", "configuration"), [("expert", "TowerScratch"), ("random-legal", "ScatterFlipIt")])
+def test_record__built_in_policies_have_distributions(tmp_path, name, configuration):
     for episode in record(tmp_path, name, configuration).episodes:
-        assert episode.decisions is not None
         assert len(episode.decisions) == len(episode.actions)
         for decision in episode.decisions:
             assert sum(decision.types) == pytest.approx(1, abs=1e-3)
@@ -80,7 +78,7 @@ def test_record__built_in_policies_have_distributions(tmp_path: Path, name: str,
             assert decision.legal[0] == 1
 
 
-def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: Path):
+def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path):
     best = record(tmp_path / "best", "expert", judges=True).episodes
     assert all(decision.optimal for episode in best for decision in episode.decisions or ())
     first = [episode.decisions[0] for episode in best if episode.decisions]
@@ -91,17 +89,9 @@ def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: 
     assert not any(decision.optimal for decision in ends)
 
 
-class WithoutOutput(Policy):
-    """Always stops, and has no output."""
-
-    needs_masks = False
-
-    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros(len(observations.statements), np.int64)
-
-
 def test_record__policy_without_output_has_no_decisions():
-    episodes = evaluate(WithoutOutput(), Settings("TowerScratch"), "dev", record_decisions=True)
+    stopping = lambda observations, legal, rng: np.zeros(len(legal), np.int64)  # noqa: E731
+    episodes = evaluate(stopping, Settings("TowerScratch"), "dev", record_decisions=True)
     assert all(episode.decisions is None for episode in episodes)
 
 
@@ -127,7 +117,7 @@ def test_from_json__is_the_inverse_of_to_json():
         ({"programs": {"exist(all_items)": -1}}, "programs: exist"),
     ],
 )
-def test_from_json__errors_name_the_field(change: dict[str, object], message: str):
+def test_from_json__errors_name_the_field(change, message):
     good = decisions(tower_output(stop=1.0), ALL_LEGAL, TOWER)[0].to_json()
     with pytest.raises(ValueError, match=message):
         Decision.from_json({**good, **change})

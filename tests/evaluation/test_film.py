@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -45,7 +43,7 @@ def test_episode_frames__show_the_start_and_each_action():
     assert "I can see a blue block." in start.task
 
 
-def test_film_frames__waits_for_the_longest_episode(tmp_path: Path):
+def test_film_frames__waits_for_the_longest_episode(tmp_path):
     films = [list(episode_frames(TOWER.make("dev"), episode)) for episode in (SEEN, UNSEEN, UNSEEN)]
     film_frames(tmp_path / "grid.gif", films, columns=2)
     with Image.open(tmp_path / "grid.gif") as film:
@@ -57,11 +55,9 @@ def test_film_frames__waits_for_the_longest_episode(tmp_path: Path):
 @pytest.mark.parametrize(
     ("count", "milliseconds"), [(3, [1500, 1000, 1000]), (7, [1110, *[740] * 6]), (30, [750, *[500] * 29])]
 )
-def test_save_gif__plays_once_and_moves_for_less_than_five_seconds_if_short(
-    tmp_path: Path, count: int, milliseconds: list[int]
-):
+def test_save_gif__plays_once_and_moves_for_less_than_five_seconds_if_short(tmp_path, count, milliseconds):
     save_gif(tmp_path / "film.gif", [np.full((4, 4, 3), 8 * index, np.uint8) for index in range(count)])
-    shown: list[int] = []
+    shown = []
     with Image.open(tmp_path / "film.gif") as film:
         assert "loop" not in film.info
         for index in range(count):
@@ -71,7 +67,7 @@ def test_save_gif__plays_once_and_moves_for_less_than_five_seconds_if_short(
 
 
 @pytest.mark.parametrize(("dark", "paper"), [(False, PAPER_RGB), (True, DARK_RGB[PAPER_RGB])])
-def test_film_frames__have_paper_for_the_page(tmp_path: Path, dark: bool, paper: tuple[int, int, int]):
+def test_film_frames__have_paper_for_the_page(tmp_path, dark, paper):
     film_frames(tmp_path / "one.gif", [list(episode_frames(TOWER.make("dev"), SEEN))], columns=1, dark=dark)
     with Image.open(tmp_path / "one.gif") as film:
         assert film.convert("RGB").getpixel((0, 0)) == paper

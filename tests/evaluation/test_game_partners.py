@@ -30,7 +30,7 @@ def some_tasks(game: Any) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_expert__tells_the_truth_in_the_fewest_actions(settings: dict[str, Any]):
+def test_expert__tells_the_truth_in_the_fewest_actions(settings):
     game = env(start="flipit", **settings)
     expert = ExpertProposer(game.unwrapped.dynamics)
     records = play_games(game, expert, OracleVerifier(), tasks=some_tasks(game))
@@ -41,7 +41,7 @@ def test_expert__tells_the_truth_in_the_fewest_actions(settings: dict[str, Any])
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_deceptive_expert__claims_falsely_one_edit_before_a_solution(settings: dict[str, Any]):
+def test_deceptive_expert__claims_falsely_one_edit_before_a_solution(settings):
     game = env(start="flipit", **settings)
     expert = ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE)
     measured = measure(game, expert, ALWAYS_ACCEPT, tasks=some_tasks(game))
@@ -65,9 +65,8 @@ def test_expert__by_intent_lies_in_deceptive_episodes_alone():
     assert (measured.true_accept_rate, measured.false_accept_rate) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize("protocol", ["critique", "veto", "joint"])
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_guide_and_builder__solve_every_task_by_messages_alone(protocol: str, appearance: str):
+@pytest.mark.parametrize(("protocol", "appearance"), [("critique", "scatter"), ("veto", "tower"), ("joint", "tower")])
+def test_guide_and_builder__solve_every_task_by_messages_alone(protocol, appearance):
     count = make_appearance(appearance).action_count
     sizes = {"proposer_0": 0, "verifier_0": count}
     game = env(protocol=protocol, appearance=appearance, views="guide", message_size=sizes, split="dev")

@@ -63,7 +63,7 @@ def test_results_text__has_a_row_per_policy():
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_results_text__fits_the_terminal_and_splits_no_word(width: int):
+def test_results_text__fits_the_terminal_and_splits_no_word(width):
     other = replace(result(), named=replace(result().named, name="imitation, seed 0"))
     text = results_text([result(), other], width)
     assert max(map(len, text.splitlines())) <= width
@@ -103,13 +103,8 @@ def test_results_json__is_sufficient_to_reproduce_the_results():
     results = [play(named, plan, seen) for named in BASELINES]
     data = json.loads(json.dumps(results_json(results)))
     (written,) = data["trials"]
-    again = EvaluationPlan(
-        Settings.from_json(written["settings"]),
-        written["split"],
-        written["seed"],
-        written["passes"],
-        written["batch_size"],
-    )
+    settings = Settings.from_json(written["settings"])
+    again = EvaluationPlan(settings, *(written[key] for key in ("split", "seed", "passes", "batch_size")))
     assert again == plan
     assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
     repeated = play(BASELINES[1], again, seen)

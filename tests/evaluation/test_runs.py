@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ def test_settings__is_another_name_of_env_config():
     ("configuration", "passes", "batch_size"),
     [("TowerScratch", 1, 7), ("ScatterFlipIt", 2, 64), ("TowerFlipIt", 1, 1000)],
 )
-def test_evaluate__plays_every_task_once_per_pass_in_file_order(configuration: str, passes: int, batch_size: int):
+def test_evaluate__plays_every_task_once_per_pass_in_file_order(configuration, passes, batch_size):
     settings = Settings(configuration)
     episodes = evaluate(random_unmasked, settings, "dev", passes=passes, batch_size=batch_size)
     assert [episode.task for episode in episodes] == [*settings.make("dev").evaluation_tasks()] * passes
@@ -66,9 +65,9 @@ def test_evaluate__episode_has_outcome_reward_and_actions():
 
 
 def test_evaluate__policies_get_the_environments_observations():
-    seen: list[Observations] = []
+    seen = []
 
-    def store(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def store(observations, legal, rng):
         seen.append(observations)
         return np.zeros(len(legal), np.int64)
 
@@ -82,37 +81,29 @@ def test_evaluate__policies_get_the_environments_observations():
 
 
 @pytest.mark.parametrize("numbers", [{"passes": 0}, {"batch_size": 0}])
-def test_evaluate__rejects_zero_passes_and_environments(numbers: dict[str, int]):
+def test_evaluate__rejects_zero_passes_and_environments(numbers):
     with pytest.raises(ValueError, match="at least 1, not"):
         evaluate(random_legal, TOWER, "dev", **numbers)
-
-
-def empty_observations(count: int) -> Observations:
-    """`count` empty observations."""
-    zeros = np.zeros(count, np.int64)
-    return Observations(np.zeros((count, 1, 1, 3), np.uint8), ("",) * count, zeros, zeros, zeros)
 
 
 @pytest.mark.parametrize(
     ("actions", "said"),
     [
         (3, r"actions must be 2 whole numbers, one for each environment, not int64 of shape \(\)"),
-        (np.array([3]), r"not int64 of shape \(1,\)"),
         (np.array([3.9, 3.9]), r"not float64 of shape \(2,\)"),
-        (np.array([True, False]), r"not bool of shape \(2,\)"),
         ([[3, 3]], r"not int64 of shape \(1, 2\)"),
         (np.array([3, 99]), "action 99 of environment 1 is out of range"),
     ],
 )
-def test_evaluate__rejects_actions_that_step_rejects(actions: Any, said: str):
+def test_evaluate__rejects_actions_that_step_rejects(actions, said):
     with pytest.raises(ActionError, match=said):
         evaluate(lambda observations, legal, rng: actions, TOWER, "dev", batch_size=2)
 
 
 def test_evaluate__policies_get_step_and_episode_index():
-    steps: dict[int, list[int]] = {}
+    steps = {}
 
-    def stopping_at_the_third(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def stopping_at_the_third(observations, legal, rng):
         for step, episode in zip(observations.steps.tolist(), observations.episodes.tolist(), strict=True):
             steps.setdefault(episode, []).append(step)
         return np.where(observations.steps == 2, STOP, ADD_BLUE_LEFT)
@@ -126,7 +117,7 @@ def test_evaluate__a_policy_that_needs_no_masks_gets_none():
     class Stopping(Policy):
         needs_masks = False
 
-        def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        def __call__(self, observations, legal, rng):
             assert legal.shape == (len(observations.statements), 0)
             return np.zeros(len(legal), np.int64)
 
@@ -135,8 +126,8 @@ def test_evaluate__a_policy_that_needs_no_masks_gets_none():
 
 def test_random_legal__is_uniform_over_legal_actions():
     legal = np.tile([True, False, True, True, False], (6000, 1))
-    observations = empty_observations(6000)
-    drawn = np.bincount(random_legal(observations, legal, np.random.default_rng(0)), minlength=5)
+    nothing = None
+    drawn = np.bincount(random_legal(nothing, legal, np.random.default_rng(0)), minlength=5)
     assert drawn[[1, 4]].sum() == 0
     assert drawn[[0, 2, 3]] == pytest.approx([2000] * 3, abs=200)
 

@@ -29,13 +29,13 @@ def _single_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def own(tmp_path_factory: pytest.TempPathFactory) -> str:
+def own(tmp_path_factory) -> str:
     """The path of a small corpus."""
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
 @pytest.fixture(scope="session")
-def three(tmp_path_factory: pytest.TempPathFactory) -> str:
+def three(tmp_path_factory) -> str:
     """The path of a corpus of three statements."""
     return str(write_three_statements(tmp_path_factory.mktemp("three") / "three.jsonl"))
 

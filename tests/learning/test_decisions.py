@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
+from tests.command_line import lilgym, succeeds
+from tests.json_files import read_json
 
 TOWER = Settings("TowerFlipIt")
 SMALL = PPORecipe(
@@ -30,7 +30,6 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
     """Each decision, the type of the action taken, and the recorded probability of STOP."""
     found: list[tuple[Decision, str, float | None]] = []
     for episode in episodes:
-        assert episode.decisions is not None
         stops = episode.stop_probabilities or (None,) * len(episode.actions)
         for decision, action, stop in zip(episode.decisions, episode.actions, stops, strict=True):
             assert sum(decision.types) == pytest.approx(1, abs=1e-3)
@@ -39,10 +38,9 @@ def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Dec
 
 
 @pytest.mark.parametrize("mask", [True, False])
-def test_ppo__records_probabilities_and_the_value(tmp_path: Path, mask: bool):
-    recipe = PPORecipe.from_json({**SMALL.to_json(), "mask": mask})
-    train_ppo(Settings("TowerScratch"), recipe, tmp_path, steps=128, device="cpu")
+def test_ppo__records_probabilities_and_the_value(tmp_path, mask):
     settings = Settings("TowerScratch")
+    train_ppo(settings, replace(SMALL, mask=mask), tmp_path, steps=32, device="cpu")
     episodes = played(open_agent(tmp_path, "cpu").policy(settings), settings)
     found = steps(episodes, settings)
     for decision, _, stop in found:
@@ -69,21 +67,26 @@ def test_parse_and_plan__records_the_programs_it_planned_for():
         assert decision.success_probability is not None
 
 
-def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    words = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--record", str(tmp_path)]
-    assert main([*words, "--record-decisions", "--judge-decisions"]) == 0
+def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
+    command = f"evaluate --policy expert --configuration TowerScratch --record {tmp_path}"
+    succeeds(f"{command} --record-decisions --judge-decisions")
     (file,) = tmp_path.glob("*.episodes.jsonl.gz")
     decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
     assert decisions
     assert all(decision.optimal for decision in decisions)
-    assert "--record-decisions" in json.loads(next(tmp_path.glob("*.metadata.json")).read_text())["command"]
-    assert main([*words, "--force"]) == 0
+    assert "--record-decisions" in read_json(next(tmp_path.glob("*.metadata.json")))["command"]
+    succeeds(f"{command} --force")
     assert all(episode.decisions is None for episode in read_episodes(file).episodes)
     capsys.readouterr()
 
 
-def test_evaluate_command__decisions_need_a_directory(capsys: pytest.CaptureFixture[str]):
-    assert main(["evaluate", "--policy", "expert", "--record-decisions"]) != 0
-    assert "--record-decisions needs --record DIR" in capsys.readouterr().err
-    assert main(["evaluate", "--policy", "expert", "--judge-decisions"]) != 0
-    assert "--judge-decisions needs --record-decisions" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("option", "error"),
+    [
+        ("--record-decisions", "--record-decisions needs --record DIR"),
+        ("--judge-decisions", "--judge-decisions needs --record-decisions"),
+    ],
+)
+def test_evaluate_command__decisions_need_a_directory(option, error, capsys):
+    assert lilgym(f"evaluate --policy expert {option}") != 0
+    assert error in capsys.readouterr().err

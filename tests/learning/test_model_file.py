@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-import json
 import pickle
 import resource
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -37,46 +36,42 @@ SHIPPED = ("imitation-tower", "parse-and-plan", "ppo-tower")
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> Path:
+def model(tmp_path) -> Path:
     path = tmp_path / AGENT_FILE
     save_model(path, DESCRIPTION, TENSORS)
     return path
 
 
-def test_load__inverts_save(model: Path):
+def test_load__inverts_save(model):
     description, tensors = load_model(model)
     assert description == DESCRIPTION
     assert tensors.keys() == TENSORS.keys()
     assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
 
 
-def test_save__is_deterministic_and_leaves_no_other_file(model: Path):
+def test_save__is_deterministic_and_leaves_no_other_file(model):
     first = model.read_bytes()
     save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
     assert model.read_bytes() == first
     assert list(model.parent.iterdir()) == [model]
 
 
-@pytest.mark.parametrize("kept", [0, 1, 7, 8, 100, -1])
-def test_load__rejects_truncated_files(model: Path, kept: int):
+@pytest.mark.parametrize("kept", [0, 7, 100, -1])
+def test_load__rejects_truncated_files(model, kept):
     model.write_bytes(model.read_bytes()[:kept])
     with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
         load_model(model)
 
 
-def test_load__never_unpickles(tmp_path: Path):
+def test_load__never_unpickles(tmp_path):
     class Trap:
-        def __reduce__(self) -> tuple[object, ...]:
+        def __reduce__(self):
             return (Path.touch, (tmp_path / "opened",))
 
-    for name, data in (("plain.pt", pickle.dumps(Trap())), ("torch.pt", None)):
-        path = tmp_path / name
-        if data is None:
-            torch.save({"trap": Trap()}, path)
-        else:
-            path.write_bytes(data)
-        with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
-            load_model(path)
+    path = tmp_path / "trap.pt"
+    path.write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
+        load_model(path)
     assert not (tmp_path / "opened").exists()
 
 
@@ -85,26 +80,25 @@ def test_load__never_unpickles(tmp_path: Path):
     [
         ({}, "not one that lilgym-mp wrote"),
         ({METADATA_KEY: "{"}, "description cannot be used"),
-        ({METADATA_KEY: "[]"}, "description cannot be used"),
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 99}'}, "version 99; must be .* version 1"),
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 1}'}, "description cannot be used"),
     ],
 )
-def test_load__rejects_other_description_formats(tmp_path: Path, metadata: dict[str, str], said: str):
+def test_load__rejects_other_description_formats(tmp_path, metadata, said):
     path = tmp_path / "other.safetensors"
     save_file(TENSORS, path, metadata)
     with pytest.raises(ModelFileError, match=said):
         load_model(path)
 
 
-def test_load__rejects_missing_and_irregular_files(tmp_path: Path):
+def test_load__rejects_missing_and_irregular_files(tmp_path):
     with pytest.raises(ModelFileError, match="there is no such file"):
         load_model(tmp_path / "nothing")
     with pytest.raises(ModelFileError, match="not a regular file"):
         load_model(Path("/dev/zero"))
 
 
-def test_load_weights__rejects_other_shapes_and_nan(model: Path):
+def test_load_weights__rejects_other_shapes_and_nan(model):
     with pytest.raises(ModelFileError, match="size mismatch for weight"):
         load_weights(nn.Linear(4, 2), TENSORS, model)
     with pytest.raises(ModelFileError, match="bias holds non-finite values"):
@@ -114,21 +108,12 @@ def test_load_weights__rejects_other_shapes_and_nan(model: Path):
     assert torch.equal(layer.weight, TENSORS["weight"])
 
 
-@pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower"])
-@pytest.mark.parametrize("change", [*({"width": width} for width in (64, "wide", -8, None)), {"vocabulary": ["a"]}])
-def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dict[str, Any], tmp_path: Path):
-    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
-        description, tensors = load_model(path)
-    details = json.loads(json.dumps(description.details))
-    details["network" if "network" in details else "sizes"] |= change
-    save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
-    with pytest.raises(ModelFileError, match=r"description cannot be used|do not match the network"):
-        open_agent(tmp_path)
-
-
 @pytest.mark.parametrize(
     ("name", "change", "said"),
     [
+        ("parse-and-plan", {"width": 64}, "do not match the network"),
+        ("imitation-tower", {"width": "wide"}, "description cannot be used"),
+        ("parse-and-plan", {"vocabulary": ["a"]}, "description cannot be used"),
         ("parse-and-plan", {"heads": 0}, "heads must divide the width, 96, not be 0"),
         ("parse-and-plan", {"longest_program": 10**7}, "longest_program must be at most 4,096, not 10,000,000"),
         ("ppo-tower", {"heads": 5}, "heads must divide the width, 112, not be 5"),
@@ -136,14 +121,12 @@ def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dic
         *((name, {"layers": 10**9, "text_layers": 10**9}, "its sizes give more parameters") for name in SHIPPED),
     ],
 )
-def test_open_agent__rejects_heads_and_sizes_before_memory_is_used(
-    name: str, change: dict[str, Any], said: str, tmp_path: Path
-):
+def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(name, change, said, tmp_path):
     with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
         description, tensors = load_model(path)
-    details = json.loads(json.dumps(description.details))
+    details = copy.deepcopy(description.details)
     sizes = details["model"]["sizes"] if "model" in details else details.get("network") or details["sizes"]
-    sizes |= {key: value for key, value in change.items() if key == "width" or key in sizes}
+    sizes |= {key: value for key, value in change.items() if key in ("width", "vocabulary") or key in sizes}
     save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ModelFileError, match=said):
@@ -158,7 +141,7 @@ def test_open_agent__rejects_heads_and_sizes_before_memory_is_used(
         ({"version": 99}, "a model of kind 'imitation', version 99; must be 'imitation', version 1"),
     ],
 )
-def test_open_agent__rejects_other_kinds_and_versions(model: Path, changes: dict[str, Any], said: str):
+def test_open_agent__rejects_other_kinds_and_versions(model, changes, said):
     save_model(model, dataclasses.replace(DESCRIPTION, **changes), TENSORS)
     with pytest.raises(ModelFileError, match=said):
         open_agent(model.parent)
@@ -168,7 +151,7 @@ def test_open_agent__takes_text_as_a_path():
     assert open_agent("parse-and-plan").description.kind == "parse-and-plan"
 
 
-def test_open_agent__rejects_directories_without_agent(tmp_path: Path):
+def test_open_agent__rejects_directories_without_agent(tmp_path):
     with pytest.raises(AgentError, match=f"it has no {AGENT_FILE}"):
         open_agent(tmp_path)
     with pytest.raises(AgentError, match="no such file or directory"):

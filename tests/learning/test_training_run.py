@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from lilgym_mp.cli import FAILED, main
-from lilgym_mp.cli.training import _board  # pyright: ignore[reportPrivateUsage]
+from lilgym_mp.cli import FAILED
+from lilgym_mp.cli.training import _board
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
+from tests.command_line import lilgym
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def full_disk() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_disk: None):
+def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path, full_disk):
     run = begin_run(tmp_path, {})
     run.save_checkpoint({"step": 1})
     with pytest.raises(OSError, match="File too large") as error:
@@ -42,10 +43,10 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_d
     assert sorted(os.listdir(tmp_path)) == [CHECKPOINT_FILE, "run.json"]
 
 
-def test_training__on_a_full_disk_prints_one_line(tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]):
+def test_training__on_a_full_disk_prints_one_line(tmp_path, full_disk, capsys):
     out = tmp_path / "run"
-    small = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
-    assert main(["train", "ppo", "TowerScratch", "--no-recolour", "--steps", "1", *small, "--out", str(out)]) == FAILED
+    small = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
+    assert lilgym(f"train ppo TowerScratch --no-recolour --steps 1 {small} --out", out) == FAILED
     assert capsys.readouterr().err.splitlines()[-1] == f"lilgym-mp train: {out / CHECKPOINT_FILE}: File too large"
 
 
@@ -57,35 +58,36 @@ class _Trap:
         return Path.touch, (self.path,)
 
 
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_checkpoint__pickled_objects_are_never_built(protocol: int, tmp_path: Path):
+@pytest.mark.parametrize("protocol", [0, pickle.HIGHEST_PROTOCOL])
+@pytest.mark.parametrize("by_torch", [False, True])
+def test_checkpoint__pickled_objects_are_never_built(by_torch, protocol, tmp_path):
     run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
     path = run.path / CHECKPOINT_FILE
-    torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
-    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
-        pass
-    path.write_bytes(pickle.dumps(_Trap(opened), protocol))
+    if by_torch:
+        torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
+    else:
+        path.write_bytes(pickle.dumps(_Trap(opened), protocol))
     with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
         pass
     assert not opened.exists()
 
 
-def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
+def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path):
     run, rng = begin_run(tmp_path, {}), random.Random(0)
     run.save_checkpoint({"weights": {"a": torch.zeros(3)}, "step": 3, "text": "abc", "numbers": [1, 2.5]})
     path = run.path / CHECKPOINT_FILE
     whole, loaded = path.read_bytes(), 0
-    for _ in range(500):
+    for _ in range(200):
         damaged = bytearray(whole)
         for _ in range(rng.choice([1, 2, 5, 40])):
             damaged[rng.randrange(len(whole))] = rng.randrange(256)
         path.write_bytes(damaged)
         with suppress(TrainingRunError), run.checkpoint():  # any other error fails the test
             loaded += 1
-    assert loaded < 300
+    assert loaded < 120
 
 
-def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
+def test_run__is_trained_by_one_process_at_a_time(tmp_path):
     begin_run(tmp_path, {})
     first, second = begin_run(tmp_path, {}, resume=True), begin_run(tmp_path, {}, resume=True)
     with first.locked():
@@ -97,7 +99,7 @@ def test_run__is_trained_by_one_process_at_a_time(tmp_path: Path):
     assert not (tmp_path / LOCK_FILE).exists()
 
 
-def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
+def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
     begin_run(tmp_path, {})
     child = os.fork()
     if child == 0:
@@ -109,20 +111,14 @@ def test_run__the_lock_of_a_killed_process_is_free(tmp_path: Path):
         pass
 
 
-@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
-def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: signal.Signals):
+@pytest.mark.parametrize("first", [[signal.SIGINT], [signal.SIGTERM] * 3])
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first):
     with stop_on_signals() as stop:
-        signal.raise_signal(first)
+        for one in first:
+            signal.raise_signal(one)
         assert stop.requested
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-
-
-def test_stop__several_sigterms_are_one_request():
-    with stop_on_signals() as stop:
-        for _ in range(3):
-            signal.raise_signal(signal.SIGTERM)
-        assert stop.requested
 
 
 def test_stop__restores_the_previous_handlers():
@@ -132,9 +128,9 @@ def test_stop__restores_the_previous_handlers():
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path: Path):
+def test_tensorboard__of_a_resumed_run_discards_what_came_after_the_checkpoint(tmp_path):
     (tmp_path / "progress.jsonl").write_text('{"steps": 32}\n{"steps": 64}\n')  # the second is being reported
-    opened: list[int | None] = []
+    opened = []
     for unit in ("steps", None):
         _board(lambda path, purge_step: opened.append(purge_step), tmp_path, unit)
     assert opened == [33, None]

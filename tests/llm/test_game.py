@@ -21,6 +21,7 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
 from lilgym_mp.wrappers.replies import THOUGHTS
+from tests.json_files import read_json
 from tests.llm.server import chat, served
 
 GUIDED = GameSettings("TowerScratch", protocol="critique", views="guide")
@@ -61,7 +62,7 @@ def seat(role: Role, answer: Callable[[str], str | Answer], **options: Any) -> L
         (Role.PROPOSER, "accept", None),
     ],
 )
-def test_reply__is_read_as_a_choice_a_message_and_a_note(role: Role, reply: str, said: Said | None):
+def test_reply__is_read_as_a_choice_a_message_and_a_note(role, reply, said):
     game = Game(GUIDED)
     assert read_reply(reply, game, role, np.ones(13, np.bool_), words=3, thoughts=THOUGHTS) == said
 
@@ -69,9 +70,9 @@ def test_reply__is_read_as_a_choice_a_message_and_a_note(role: Role, reply: str,
 def test_builder__does_what_it_is_told_in_words_and_sees_no_statement():
     env = BaseGameEnv(**vars(GUIDED))
     first = "REMOVE(LEFT)"
-    texts: list[str] = []
+    texts = []
 
-    def answer(text: str) -> str:
+    def answer(text):
         texts.append(text)
         told = last_message(text)
         legal = re.findall(r"\d+ (.*\))", text)
@@ -87,13 +88,13 @@ def test_builder__does_what_it_is_told_in_words_and_sees_no_statement():
 
 def test_note__of_the_verifier_reaches_the_proposer_within_its_words():
     env = BaseGameEnv("TowerScratch", protocol="veto", views="guide")
-    heard: list[str] = []
+    heard = []
 
-    def proposes(text: str) -> str:
+    def proposes(text):
         heard.extend(re.findall("Note of the verifier: (.*)", text))
         return re.findall(r"\d+ (.*\))", text)[0]
 
-    notes: dict[int, str] = {}
+    notes = {}
     players = [
         seat(Role.PROPOSER, proposes, words=2, notes=notes),
         seat(Role.VERIFIER, lambda text: "reject\nNote: a blue one", words=2, notes=notes),
@@ -111,7 +112,7 @@ def test_note__of_the_verifier_reaches_the_proposer_within_its_words():
         ("REMOVE(LEFT)", "invalid_action"),
     ],
 )
-def test_game__that_a_model_does_not_answer_ends_so_and_is_no_success(answer: str | Answer, outcome: str):
+def test_game__that_a_model_does_not_answer_ends_so_and_is_no_success(answer, outcome):
     env = BaseGameEnv("TowerScratch", protocol="audit")
     partner = scripted_verifiers(env.dynamics)["always-accept"]
     (record,) = play_games(env, seat(Role.PROPOSER, lambda text: answer), partner, tasks=env.tasks.ids[:1])
@@ -120,7 +121,7 @@ def test_game__that_a_model_does_not_answer_ends_so_and_is_no_success(answer: st
 
 
 @pytest.mark.parametrize(("protocol", "answer"), [("veto", "accept"), ("audit", "holds"), ("joint", "stop")])
-def test_claims__are_judged_exactly(protocol: str, answer: str):
+def test_claims__are_judged_exactly(protocol, answer):
     env = BaseGameEnv("TowerFlipIt", protocol=protocol)
     proposer = scripted_proposers(env.dynamics)["expert-deceptive"]
     records = play_games(env, proposer, seat(Role.VERIFIER, lambda text: answer), tasks=env.tasks.ids[:6])
@@ -140,24 +141,21 @@ def by_role(body: dict[str, Any], number: int) -> tuple[int, Any]:
     return 200, chat("reject" if "You are the verifier" in body["messages"][0]["content"] else "STOP")
 
 
-def test_command__cross_plays_the_model_with_scripted_partners_and_itself(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_command__cross_plays_the_model_with_scripted_partners_and_itself(tmp_path, capsys):
     with served(by_role) as (url, _):
         assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0
     shown = capsys.readouterr().out
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    pairs = {(each["proposer"], each["verifier"]) for each in summary["results"]}
-    model = "openai m"
-    assert {(model, model), (model, "oracle"), (model, "ppo-tower"), ("expert", model), ("ppo-tower", model)} <= pairs
-    assert {("random", "oracle"), ("expert", "random")} <= pairs
+    summary = read_json(tmp_path / "summary.json")
+    pairs = {f"{each['proposer']} with {each['verifier']}" for each in summary["results"]}
+    assert {"openai m with openai m", "openai m with oracle", "expert with openai m"} <= pairs
+    assert {"openai m with ppo-tower", "ppo-tower with openai m", "random with oracle", "expert with random"} <= pairs
     assert "lies accepted" in shown
     first = json.loads((tmp_path / "transcripts.jsonl").read_text().splitlines()[0])
     assert set(first["messages"]) == {"proposer", "verifier"}
     assert all("SECRET" not in path.read_text() for path in tmp_path.iterdir())
 
 
-def test_command__continues_without_paying_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__continues_without_paying_twice(tmp_path, capsys):
     down = [3]
     with served(lambda body, number: (400, {"error": "busy"}) if number in down else by_role(body, number)) as (
         url,
@@ -168,14 +166,12 @@ def test_command__continues_without_paying_twice(tmp_path: Path, capsys: pytest.
         assert "1 games, not in the rates" in capsys.readouterr().out
         down.clear()
         before = len(asked)
-        whole = json.loads((tmp_path / "summary.json").read_text())
+        whole = read_json(tmp_path / "summary.json")
         assert main(arguments) == 0
         assert f"{before - 1} answers are there" in capsys.readouterr().out
-        summary = json.loads((tmp_path / "summary.json").read_text())
+        summary = read_json(tmp_path / "summary.json")
         assert summary["results"][0]["games"] == 3 == whole["results"][0]["games"] + 1
         assert len(asked) == summary["answers"] + 1
-        assert main(arguments) == 2
-        assert "has this run" in capsys.readouterr().err
         assert main([*arguments, "--seed", "5"]) == 2
         assert "was played with seed 0, not 5" in capsys.readouterr().err
 
@@ -189,7 +185,7 @@ def test_command__continues_without_paying_twice(tmp_path: Path, capsys: pytest.
         ("--protocol duel", "choose from veto"),
     ],
 )
-def test_command__wrong_options_are_one_line(more: str, error: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__wrong_options_are_one_line(more, error, tmp_path, capsys):
     with served(by_role) as (url, _):
         words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --out {tmp_path / 'run'} {more}"
         assert main(words.split()) == 2

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -32,17 +32,19 @@ from lilgym_mp.contrib.llm import (
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
+from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
+from tests.json_files import read_json, read_json_lines
 from tests.llm.server import chat, served
 
 TOWER = Settings("TowerFlipIt")
 
 
 @pytest.fixture(autouse=True)
-def in_a_directory_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def in_a_directory_of_its_own(tmp_path, monkeypatch) -> None:
     """Runs have a default directory below the current one."""
     monkeypatch.chdir(tmp_path)
 
@@ -60,13 +62,28 @@ class Scripted:
 
 
 def play(arguments: str, *more: str) -> int:
-    """The status of `lilgym-mp llm play` with these arguments, separated by blanks, and `more`."""
+    """The status of `lilgym-mp llm play TowerFlipIt` with these arguments, separated by blanks, and `more`."""
     return main(["llm", "play", "TowerFlipIt", *arguments.split(), *more])
 
 
-@pytest.mark.parametrize(("configuration", "scene"), [("TowerFlipIt", "list"), ("ScatterScratch", "list")])
-def test_expert__succeeds_through_text(configuration: str, scene: str):
-    player = Player(Settings(configuration), make_agent("expert"), scene=scene)
+def stops(body: dict[str, Any], number: int) -> tuple[int, Any]:
+    """A server's reply: STOP."""
+    return 200, chat("STOP")
+
+
+def answer_of(reply: Callable[[dict[str, Any], int], tuple[int, Any]], **options: Any) -> Answer:
+    """What an agent on a server that replies so answers to an empty conversation."""
+    with served(reply) as (url, _):
+        return OpenAIAgent("tiny", url=url, **options).answer([])
+
+
+def summary_in(directory: Path) -> Any:
+    return read_json(directory / "summary.json")
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_expert__succeeds_through_text(configuration):
+    player = Player(Settings(configuration), make_agent("expert"), scene="list")
     episodes = [player.play(task) for task in player.task_ids()[:5]]
     assert [episode.outcome for episode in episodes] == ["success"] * 5
     assert all(episode.progression == 1 for episode in episodes)
@@ -85,7 +102,7 @@ def test_unparseable_answer__is_retried_and_then_ends_the_episode_without_a_stop
 
 
 @pytest.mark.parametrize(("system", "roles"), [(True, ["system", "user"]), (False, ["user"])])
-def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(system: bool, roles: list[str]):
+def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(system, roles):
     agent = Scripted(*["ADD(LEFT, BLUE)", "REMOVE(LEFT)"] * 3)
     player = Player(TOWER, agent, system=system, history=0)
     player.play(player.task_ids()[0])
@@ -94,22 +111,15 @@ def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(s
 
 
 def test_progression__is_relative_to_the_experts_distance():
-    player = Player(Settings("ScatterScratch"), make_agent("expert"))
-    solver = Solver(player.env.get_wrapper_attr("dynamics"))
-    for task in player.task_ids():
-        player.env.reset(options={"task": task})
-        start = player.env.get_wrapper_attr("state")
-        solution = solver.solve_from(start)
-        if solution.steps < 4:
-            continue
-        assert progression(solver, start, start, success=False) == 0
-        state = start
-        for done, action in enumerate(solution.actions[:-1], 1):
-            state = solver.dynamics.step(state, action).state
-            assert progression(solver, start, state, success=False) == pytest.approx(done / solution.steps)
-        assert progression(solver, start, state, success=True) == 1
-        return
-    pytest.fail("no task needs three edits")
+    settings = Settings("ScatterScratch")
+    solver, tasks = Solver(settings.dynamics()), settings.tasks("dev")
+    task = next(task for task in tasks if solver.solve(task).steps == 4)
+    state = start = State(task, task.start, 0)
+    assert progression(solver, start, start, success=False) == 0
+    for done, action in enumerate(solver.solve(task).actions[:-1], 1):
+        state = solver.dynamics.step(state, action).state
+        assert progression(solver, start, state, success=False) == pytest.approx(done / 4)
+    assert progression(solver, start, state, success=True) == 1
 
 
 def test_wilson_interval__known_values():
@@ -143,10 +153,10 @@ def test_summary__counts_answers_tokens_and_outcomes():
     assert summary["success_low"] <= summary["success"] <= summary["success_high"]
 
 
-def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
+def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "secret")
     messages = [{"role": "user", "content": "Well?"}]
-    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+    with served(stops) as (url, requests):
         agent = OpenAIAgent("tiny", url=url, max_tokens=5)
         assert agent.answer(messages) == Answer("STOP", 7, 3)
     sent = {"model": "tiny", "temperature": 0, "max_tokens": 5, "messages": messages}
@@ -155,7 +165,7 @@ def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest
 
 def test_openai__request_fields_are_set_renamed_or_left_out():
     fields = {"temperature": None, "max_completion_tokens": 9, "top_p": 0.5, "extra_body": {"top_k": 3}}
-    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+    with served(stops) as (url, requests):
         OpenAIAgent("tiny", url=url, **fields).answer([])
     sent = {name: value for name, value in requests[0].items() if name not in ("path", "key", "messages")}
     assert sent == {"model": "tiny", "max_completion_tokens": 9, "top_p": 0.5, "top_k": 3}
@@ -170,42 +180,19 @@ def test_openai__request_fields_are_set_renamed_or_left_out():
         ({"content": None, "refusal": "No."}, "No."),
     ],
 )
-def test_openai__reads_parts_and_reasoning(message: dict[str, Any], answer: str):
-    with served(lambda body, number: (200, {"choices": [{"message": message}], "usage": {"prompt_tokens": "?"}})) as (
-        url,
-        _,
-    ):
-        given = OpenAIAgent("tiny", url=url).answer([])
+def test_openai__reads_parts_and_reasoning(message, answer):
+    body = {"choices": [{"message": message}], "usage": {"prompt_tokens": "?"}}
+    given = answer_of(lambda request, number: (200, body))
     reasoning = "Hm." if "Hm." in message.values() else None
     assert given == Answer(answer, None, None, reasoning, problem="refused" if "refusal" in message else None)
 
 
-def test_openai__counts_the_calls_that_it_retries():
-    with served(lambda body, number: (200, chat("ok")) if number > 1 else (503, {})) as (url, requests):
-        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
-    assert len(requests) == 2
+BUSY = {"error": {"code": 429, "message": "Rate limit reached"}}
 
 
-@pytest.mark.parametrize(
-    ("status", "content", "message"),
-    [
-        (401, {"error": "no such key: SECRET"}, r"AuthenticationError: Error code: 401 .*no such key: \.\.\."),
-        (200, {"error": "odd"}, "the server reported an error: odd"),
-        (200, b"<html>", "not a chat completion; is /v1 missing from the url"),
-        (500, b"broken", "InternalServerError"),
-    ],
-)
-def test_openai__error_names_the_reason_but_not_the_key(
-    status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("OPENAI_API_KEY", "SECRET")
-    with (
-        served(lambda body, number: (status, content)) as (url, _),
-        pytest.raises(ModelError, match=message) as caught,
-    ):
-        OpenAIAgent("tiny", url=url.replace("//", "//user:SECRET@"), retries=0).answer([])
-    assert str(caught.value).startswith(url)
-    assert "SECRET" not in str(caught.value)
+@pytest.mark.parametrize("first", [(503, {}), (200, BUSY)], ids=["status", "error in a 200"])
+def test_openai__retries_a_server_that_is_busy_and_counts_the_calls(first):
+    assert answer_of(lambda body, number: (200, chat("ok")) if number > 1 else first) == Answer("ok", 7, 3, retries=1)
 
 
 def test_thoughts_and_empty_replies__are_not_sent_again():
@@ -219,7 +206,7 @@ def test_thoughts_and_empty_replies__are_not_sent_again():
 
 
 @pytest.mark.parametrize("scene", ["image", "both"])
-def test_pictures__arrive_at_the_server_in_native_size(scene: str, tmp_path: Path):
+def test_pictures__arrive_at_the_server_in_native_size(scene, tmp_path):
     with served(lambda body, number: (200, chat("ADD(LEFT, BLUE)" if number == 1 else "STOP"))) as (url, requests):
         command = f"llm play TowerScratch --agent openai --option url={url} model=sees --episodes 1 --scene {scene}"
         assert main([*command.split(), "--out", str(tmp_path)]) == 0
@@ -245,86 +232,64 @@ class Failing:
         return "ADD(LEFT, BLUE)\ud800"
 
 
-def test_command__failing_in_every_episode_is_one_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_command__failing_in_every_episode_is_one_error(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
-    assert main(["llm", "play", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
+    assert play(f"--agent failing --out {tmp_path}") == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
-    failed = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
+    failed = read_json_lines(tmp_path / "transcripts.jsonl")
     assert [message["role"] for message in failed[0]["messages"]] == ["system", "user", "assistant", "user"]
     assert "out of" in failed[0]["error"]
 
 
-def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    down = [3, 4]
-    with served(lambda body, number: (400, {"error": "busy"}) if number in down else (200, chat("STOP"))) as (
-        url,
-        asked,
-    ):
-        command = f"--agent openai --option url={url} model=m --episodes 6 --out {tmp_path} --concurrency 1"
-        assert play(f"{command} --prices 1 10") == 0
-        summary = json.loads((tmp_path / "summary.json").read_text())
-        assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (4, 2, 2)
-        assert summary["cost"] == pytest.approx(4 * (7 * 1 + 3 * 10) / 1e6)
-        assert "failed       2 episodes, not in the rates" in capsys.readouterr().out
-        down.clear()
-        transcripts = tmp_path / "transcripts.jsonl"
-        transcripts.write_text(transcripts.read_text() + '{"cut')
-        assert play(f"{command} --resume") == 0
-        assert len(asked) == 8
-        assert play(f"{command} --resume".replace("--episodes 6", "--episodes 2")) == 0
-        assert play(f"{command} --scene image --resume") == 2
-        assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert (summary["episodes"], summary["failed_episodes"]) == (2, 0)
-    tasks = [json.loads(line)["task"] for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
-    assert tasks == sorted(set(tasks), key=Player(TOWER, Scripted()).task_ids().index)
-    assert len(tasks) == 6
-
-
-def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
+def test_command__plays_episodes_at_the_same_time(tmp_path):
     together = threading.Barrier(8)
 
-    def reply(body: dict[str, Any], number: int) -> tuple[int, Any]:
+    def reply(body, number):
         together.wait(60)  # until eight requests are there
         return 200, chat("STOP")
 
     with served(reply) as (url, requests):
-        assert (
-            play(f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path / 'a'}") == 0
-        )
+        command = f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path}"
+        assert play(command) == 0
     assert len(requests) == 8
 
 
 def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished_one(
-    capsys: pytest.CaptureFixture[str],
+    capsys,
 ):
-    down = [2]
-    with served(lambda body, number: (400, {"error": "x"}) if number in down else (200, chat("STOP"))) as (url, asked):
-        command = f"--agent openai --option url={url} model=m top_p=0.5 --episodes 3 --concurrency 1"
-        directory = Path("runs/llm-TowerFlipIt-openai-m")
+    down, directory = [2], Path("runs/llm-TowerFlipIt-openai-m")
+    with served(lambda body, number: (400, {"error": "x"}) if number in down else stops(body, number)) as (url, asked):
+        command = f"--agent openai --option url={url} model=m --episodes 3 --concurrency 1 --prices 1 10"
         assert play(command) == 0
-        assert f"results      {directory}\n" in capsys.readouterr().out
-        assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
+        printed = capsys.readouterr().out
+        assert f"results      {directory}\n" in printed
+        assert "failed       1 episodes, not in the rates" in printed
+        summary = summary_in(directory)
+        assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (2, 1, 1)
+        assert summary["cost"] == pytest.approx(2 * (7 * 1 + 3 * 10) / 1e6)
+        with (directory / "transcripts.jsonl").open("a") as file:
+            file.write('{"cut')
         assert play(command) == 0
         assert f"continues    {directory}, 2 of 3 episodes are there" in capsys.readouterr().out
-        assert len(asked) == 4
         assert play(command) == 2
         assert f"{directory} has this run, all 3 episodes" in capsys.readouterr().err
         assert len(asked) == 4
-        assert play(command.replace("top_p=0.5", "top_p=0.6")) == 0
+        assert play(f"{command} --scene image --resume --out {directory}") == 2
+        assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
+        tasks = [json.loads(line)["task"] for line in (directory / "transcripts.jsonl").read_text().splitlines()]
+        assert len(set(tasks)) == len(tasks) == summary_in(directory)["episodes"] == 3
+        assert play(command.replace("model=m", "model=m top_p=0.6")) == 0
         assert f"results      {directory}-2\n" in capsys.readouterr().out
         assert play(f"{command} --force") == 0
         assert len(asked) == 10
 
 
-def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys: pytest.CaptureFixture[str]):
+def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys):
     command = "--agent expert --episodes 1"
     assert play(command) == 0
     summary = Path("runs/llm-TowerFlipIt-expert/summary.json")
-    stored = json.loads(summary.read_text())
+    stored = read_json(summary)
     sha256 = stored["settings"]["tasks_sha256"]
     stored["settings"]["tasks_sha256"] = "other"
     summary.write_text(json.dumps(stored))
@@ -332,18 +297,15 @@ def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys: pytest
     assert f"was played with tasks_sha256 'other', not '{sha256}'" in capsys.readouterr().err
 
 
-def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    with served(lambda body, number: (200, chat("STOP"))) as (url, asked):
-        words = ["--agent", "openai", "--episodes", "1", "--out", str(tmp_path), "--option", f"url={url}", "model=1e3"]
-        assert main(["llm", "play", "TowerFlipIt", *words, 'extra_body={"top_k": 3, "api_token": "SECRET"}']) == 0
+def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs(tmp_path, capsys):
+    with served(stops) as (url, asked):
+        command = f"--agent openai --episodes 1 --resume --out {tmp_path} --option url={url} model=1e3"
+        assert play(command.replace("--resume", ""), 'extra_body={"top_k": 3, "api_token": "SECRET"}') == 0
         assert asked[0]["model"] == "1e3"
-        stored = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+        stored = summary_in(tmp_path)["settings"]["option"]
         assert stored["extra_body"]["top_k"] == 3
         assert stored["extra_body"]["api_token"].startswith("sha256:")
-        other = ["--resume", 'extra_body={"top_k": 4, "api_token": "SECRET"}']
-        assert main(["llm", "play", "TowerFlipIt", *words[:-3], other[0], *words[-3:], other[1]]) == 2
+        assert play(command, 'extra_body={"top_k": 4, "api_token": "SECRET"}') == 2
     error = capsys.readouterr().err
     assert "'top_k': 3" in error
     assert "'top_k': 4" in error
@@ -369,21 +331,16 @@ def ended(text: str | None, finish_reason: str, **message: Any) -> dict[str, Any
     [
         (ended("STOP", "length"), "cut"),
         (ended("STOP", "content_filter"), "filtered"),
-        (ended(None, "content_filter"), "filtered"),
-        (ended(None, "stop", refusal="I cannot say STOP."), "refused"),
         (ended(None, "stop", refusal="STOP"), "refused"),
         (ended("STOP", "stop", refusal="STOP"), "refused"),
         (ended(None, "stop"), "not_understood"),
-        (ended("Hm.", "stop"), "not_understood"),
         (ended("STOP", "stop"), "wrong_stop"),
     ],
 )
-def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(
-    body: dict[str, Any], outcome: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(body, outcome, tmp_path, capsys):
     with served(lambda request, number: (200, body)) as (url, _):
         assert play(f"--agent openai --option url={url} model=m --episodes 2 --out {tmp_path}") == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = summary_in(tmp_path)
     assert summary["outcomes"] == {outcome: 2}
     assert summary["successes"] == 0
     assert f"outcomes     {outcome} 2" in capsys.readouterr().out
@@ -396,19 +353,14 @@ def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(
 ODD_BODIES: dict[str, tuple[int, Any, str]] = {
     "error in a 200": (200, {"error": {"message": "no such model SECRET"}}, "no such model"),
     "error as text": (200, {"error": "quota is used up"}, "quota is used up"),
+    "key": (401, {"error": "no such key: SECRET"}, "AuthenticationError: Error code: 401"),
+    "broken": (500, b"broken", "InternalServerError"),
     "HTML": (200, b"<html><body>Welcome SECRET</body></html>", "not a chat completion; is /v1 missing"),
     "empty": (200, b"", "not a chat completion"),
-    "text": (200, b'"hello"', "not a chat completion"),
-    "list": (200, [], "not a chat completion"),
-    "null": (200, None, "not a chat completion"),
-    "number": (200, 7, "not a chat completion"),
     "nested": (200, b"[" * 100_000, "not a chat completion"),
     "no choice": (200, {"choices": []}, "not a chat completion"),
-    "choices null": (200, {"choices": None}, "not a chat completion"),
-    "choices text": (200, {"choices": "STOP"}, "not a chat completion"),
     "choice text": (200, {"choices": ["STOP"]}, "not a chat completion"),
     "message null": (200, {"choices": [{"message": None}]}, "not a chat completion"),
-    "message text": (200, {"choices": [{"message": "STOP"}]}, "not a chat completion"),
     "choice's error": (200, {"choices": [{"message": {}, "error": {"message": "upstream"}}]}, "upstream"),
     "other end": (200, ended("STOP", "error"), "ended with finish_reason 'error'"),
     "odd end": (200, {"choices": [{"message": {"content": "STOP"}, "finish_reason": [1]}]}, "finish_reason [1]"),
@@ -418,9 +370,7 @@ ODD_BODIES: dict[str, tuple[int, Any, str]] = {
 
 
 @pytest.mark.parametrize("case", ODD_BODIES)
-def test_command__shows_the_servers_words_and_no_secret(
-    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_command__shows_the_servers_words_and_no_secret(case, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("OPENAI_API_KEY", "SECRET-KEY")
     status, content, message = ODD_BODIES[case]
     with served(lambda request, number: (status, content)) as (url, _):
@@ -435,18 +385,12 @@ def test_command__shows_the_servers_words_and_no_secret(
             assert bad not in text
 
 
-@pytest.mark.parametrize("content", [5.5, True, {}, [], {"a": 1}, [None], [[]], [{"type": "text", "text": 3}]])
-def test_command__reads_no_answer_in_content_of_another_type(content: Any, tmp_path: Path):
+@pytest.mark.parametrize("content", [5.5, {"a": 1}, [None], [{"type": "text", "text": 3}]])
+def test_command__reads_no_answer_in_content_of_another_type(content, tmp_path):
     body = {"choices": [{"message": {"content": content, "reasoning": [3]}}], "usage": [1]}
     with served(lambda request, number: (200, body)) as (url, _):
         assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path}") == 0
-    assert json.loads((tmp_path / "summary.json").read_text())["outcomes"] == {"not_understood": 1}
-
-
-def test_openai__retries_a_rate_limit_within_a_200():
-    busy = {"error": {"code": 429, "message": "Rate limit reached"}}
-    with served(lambda body, number: (200, chat("ok") if number > 1 else busy)) as (url, _):
-        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
+    assert summary_in(tmp_path)["outcomes"] == {"not_understood": 1}
 
 
 def test_openai__names_an_unknown_host_and_the_cause():
@@ -457,7 +401,7 @@ def test_openai__names_an_unknown_host_and_the_cause():
 def test_openai__ends_a_request_of_one_byte_a_second_after_the_time_limit():
     with socket.create_server(("127.0.0.1", 0)) as server:
 
-        def drip() -> None:
+        def drip():
             connection, _ = server.accept()
             with connection, suppress(OSError):
                 for byte in b"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n":
@@ -483,7 +427,7 @@ class Rejecting:
 
 
 @pytest.mark.parametrize("at_once", ["true", "false"])
-def test_command__errors_do_not_show_the_options_of_an_agent(at_once: str, capsys: pytest.CaptureFixture[str]):
+def test_command__errors_do_not_show_the_options_of_an_agent(at_once, capsys):
     words = ["--option", "password=SECRET", f"at_once={at_once}"]
     assert play(f"--agent {__name__}:Rejecting --episodes 1", *words) == 2
     printed = "".join(capsys.readouterr())
@@ -492,8 +436,8 @@ def test_command__errors_do_not_show_the_options_of_an_agent(at_once: str, capsy
     assert all("SECRET" not in file.read_text() for file in Path().rglob("*.json*"))
 
 
-@pytest.mark.parametrize("reply", [b"STOP", Answer(None)])  # pyright: ignore[reportArgumentType]
-def test_answer_of_another_type__is_an_agent_error(reply: Any):
+@pytest.mark.parametrize("reply", [b"STOP", Answer(None)])
+def test_answer_of_another_type__is_an_agent_error(reply):
     agent = Scripted()
     agent.answer = lambda messages: reply
     player = Player(TOWER, agent)
@@ -501,21 +445,13 @@ def test_answer_of_another_type__is_an_agent_error(reply: Any):
         player.play(player.task_ids()[0])
 
 
-def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
+def test_command__imports_an_agent_from_the_current_directory(tmp_path):
     (tmp_path / "my_agents.py").write_text("class Mine:\n    def answer(self, messages):\n        return 'STOP'\n")
     command = [Path(sys.executable).with_name("lilgym-mp"), "llm", "play", "TowerFlipIt"]
     command += ["--agent", "my_agents:Mine"]
     done = subprocess.run([*command, "--episodes", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert ", STOP\n" in done.stdout
-
-
-def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = f"--agent expert --episodes 1 --out {tmp_path}"
-    assert play(command) == 0
-    assert play(command) == 2
-    assert "--force overwrites it" in capsys.readouterr().err
-    assert play(f"{command} --force") == 0
 
 
 @pytest.mark.parametrize(
@@ -528,7 +464,6 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent openai --option =SECRET", "--option takes KEY=VALUE, not what stands in place 1"),
         ("--agent openai --option top_p=NaN", "--option top_p must be finite"),
         ('--agent openai --option extra_body={"a":1,"a":2}', "--option extra_body: duplicate key 'a'"),
-        ("--agent expert --prices nan 1", "must be a finite number of at least 0, not nan"),
         ("--agent expert --prices 1 -1", "must be a finite number of at least 0, not -1"),
         ("--agent json:loads", "cannot be constructed with the options"),
         ("--agent os:abort.x", "name it module:Class, importable from here"),
@@ -541,9 +476,7 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent expert --episodes 0", "--episodes must be at least 1, not 0"),
     ],
 )
-def test_command__invalid_arguments_are_reported(
-    arguments: str, message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_command__invalid_arguments_are_reported(arguments, message, capsys, monkeypatch):
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     assert play(arguments) == 2
     assert message in capsys.readouterr().err
@@ -570,11 +503,10 @@ def tiny_model(directory: Path, chat_template: str | None = TEMPLATE) -> None:
     transformers.GPT2LMHeadModel(config).save_pretrained(directory)
 
 
-def test_transformers__generates_from_a_local_directory(tmp_path: Path):
+def test_transformers__generates_from_a_local_directory(tmp_path):
     tiny_model(tmp_path)
     agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 3})
     answer = agent.answer([{"role": "user", "content": "STOP the"}])
-    assert isinstance(answer, Answer)
     assert answer.prompt_tokens == 3  # <bos> STOP the
     assert 1 <= (answer.completion_tokens or 0) <= 3
     player = Player(TOWER, agent)
@@ -588,19 +520,19 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
         make_agent("transformers", {"directory": str(tmp_path / "bare")})
 
 
-def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path: Path):
+def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path):
     tiny_model(tmp_path)
-    agent: Any = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 5})
-    batches: list[Any] = []
+    agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 5})
+    batches = []
     torch = pytest.importorskip("torch")
 
-    def generate(input_ids: Any, attention_mask: Any, **settings: Any) -> Any:
+    def generate(input_ids, attention_mask, **settings):
         batches.append(input_ids.tolist())
         made = {4: [2, 6, 3, 4, 0], 5: [4, 0, 0, 0, 0]}  # <think> Hm </think> STOP <eos>; STOP <eos>
         return torch.tensor([row + made[row[-1]] for row in input_ids.tolist()])
 
     agent._model.generate = generate
-    answers: dict[str, Answer] = {}
+    answers = {}
     with agent._lock:  # until both wait
         threads = [
             threading.Thread(target=lambda text=text: answers.update({text: agent.answer([{"content": text}])}))
@@ -628,15 +560,14 @@ class Model(Scripted):
     ("agent", "options", "shown"),
     [
         ("openai", ["--option", "url=URL?key=SECRET", "model=m"], {"model": "m", "url": "SAFE (sha256:"}),
-        (f"{__name__}:Model", ["--option", "secret=SECRET", "model=m"], {"model": "m", "secret": "sha256:"}),
         (f"{__name__}:Model", ["--option=secret=SECRET", "--option=model=m"], {"model": "m", "secret": "sha256:"}),
     ],
 )
-def test_command__writes_no_secrets(agent: str, options: list[str], shown: dict[str, str], tmp_path: Path):
-    with served(lambda body, number: (200, chat("STOP"))) as (url, _):
+def test_command__writes_no_secrets(agent, options, shown, tmp_path):
+    with served(stops) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
         assert play(f"--agent {agent} --episodes 1 --out {tmp_path}", *options) == 0
-    recorded = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+    recorded = summary_in(tmp_path)["settings"]["option"]
     assert recorded.keys() == shown.keys()
     for name, value in shown.items():
         assert recorded[name].startswith(value.replace("SAFE", url))

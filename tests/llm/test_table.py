@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import Any
 
-import pytest
 import table_language_model as table
 
 from tests.llm.server import chat, served
 
 
-def test_table__asks_before_it_starts_and_does_not_pay_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(table, "baselines", lambda args: {"expert": {"TowerScratch": 1.0}})
     monkeypatch.setattr(table, "shipped", lambda args: {})
     monkeypatch.setattr("builtins.input", lambda prompt: "n")
 
-    def reply(body: dict[str, Any], number: int) -> tuple[int, Any]:
+    def reply(body, number):
         return 200, chat("holds" if "You are the verifier" in str(body["messages"][0]["content"]) else "STOP")
 
     with served(reply) as (url, asked):

@@ -39,7 +39,7 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("episodes")
     for seed in (0, 1):
         written(place, training_seed=seed, run=f"runs/{seed}")
@@ -54,7 +54,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("width", [1280, 420])
-def test_report__shows_and_links_every_item_without_network_requests(browser: Any, report: Path, width: int):
+def test_report__shows_and_links_every_item_without_network_requests(browser, report, width):
     with watched_page(browser, width) as watched:
         watched.page.goto(report.as_uri())
         assert watched.page.locator("section table").count() > 10
@@ -79,7 +79,7 @@ def test_report__shows_and_links_every_item_without_network_requests(browser: An
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_report__passes_axe_and_folds_what_is_long(browser: Any, report: Path, *, dark: bool):
+def test_report__passes_axe_and_folds_what_is_long(browser, report, *, dark):
     with watched_page(browser, dark=dark) as watched:
         watched.page.goto(report.as_uri())
         assert watched.page.locator("details[open]").count() == 0
@@ -93,7 +93,7 @@ def test_report__passes_axe_and_folds_what_is_long(browser: Any, report: Path, *
         assert (max(watched.page.evaluate(ground)) < 100) == dark
 
 
-def test_printed_report__has_every_column_of_every_table(browser: Any, report: Path, tmp_path: Path):
+def test_printed_report__has_every_column_of_every_table(browser, report, tmp_path):
     pypdf = pytest.importorskip("pypdf", reason="needs pypdf, of the extra browser")
     with watched_page(browser) as watched:
         watched.page.goto(report.as_uri())

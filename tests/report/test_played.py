@@ -7,41 +7,29 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.played import conversations
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation.files import EpisodesError
+from tests.command_line import error_of, succeeds
+from tests.corpora import entry
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
 @pytest.fixture
-def corpus(tmp_path: Path) -> Path:
-    rows = [
-        {"id": f"t{n}", "appearance": "tower", "split": "dev", "statement": text, "program": BLUE, "starts": []}
-        for n, text in enumerate(["There is a blue block.", "A block is blue.", "Some block is blue."])
-    ]
-    write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", rows)
+def corpus(tmp_path) -> Path:
+    statements = ["There is a blue block.", "A block is blue.", "Some block is blue."]
+    entries = [entry(f"t{number}", "tower", "dev", statement, BLUE) for number, statement in enumerate(statements)]
+    write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", entries)
     return tmp_path / "own.jsonl"
 
 
 @pytest.fixture
-def run(corpus: Path, tmp_path: Path) -> Path:
+def run(corpus, tmp_path) -> Path:
     """A run of a text agent whose last episode ended with an answer without an action."""
-    command = [
-        "llm",
-        "play",
-        "TowerScratch",
-        "--agent",
-        "expert",
-        "--corpus",
-        str(corpus),
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    assert main(command) == 0
+    succeeds(f"llm play TowerScratch --agent expert --corpus {corpus} --out", tmp_path / "run")
     path = tmp_path / "run" / "transcripts.jsonl"
     *lines, last = path.read_text().splitlines()
     changed = json.loads(last) | {"outcome": "not_understood", "actions": []}
@@ -49,10 +37,10 @@ def run(corpus: Path, tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def test_report__has_a_language_model_and_people_beside_policies(run: Path, corpus: Path, tmp_path: Path):
+def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
-    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", str(corpus)]
-    assert main([*command, "--record", str(tmp_path / "recorded")]) == 0
+    command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --record"
+    succeeds(command, tmp_path / "recorded")
     fields = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch"}
     played = [("Ada", "t0", [3, 0], "success"), ("Ada", "t0", [0], "wrong_stop"), ("Bo", "t1", [0], "wrong_stop")]
     with database.Database(tmp_path / "web.sqlite3").write() as connection:
@@ -62,14 +50,13 @@ def test_report__has_a_language_model_and_people_beside_policies(run: Path, corp
     data = load_report_data([tmp_path / "recorded", run, tmp_path / "web.sqlite3"])
     assert (len(data.agents), "people" in data.agents) == (3, True)
     people = data.find("people", "TowerScratch")
-    assert people is not None
     assert [[one.outcome for one in each.episodes] for each in people.runs] == [["success"], ["wrong_stop"]]
     made = {item.title: item for items in chapters(data).values() for item in items}
     assert "Task-completion accuracy (%)" in made
     assert "Differences in accuracy between agents" in made
 
 
-def test_conversations__keep_the_outcome_of_answers_without_an_action(run: Path):
+def test_conversations__keep_the_outcome_of_answers_without_an_action(run):
     recording = conversations(run)
     assert [episode.outcome for episode in recording.episodes] == ["success", "success", "not_understood"]
     assert (recording.episodes[2].actions, recording.episodes[2].reward) == ((), -1.0)
@@ -79,18 +66,12 @@ def test_conversations__keep_the_outcome_of_answers_without_an_action(run: Path)
 @pytest.mark.parametrize(
     ("file", "content", "message"),
     [
-        ("summary.json", "[]", "no run of `llm play` that can be read"),
         ("summary.json", "{}", "there is no 'settings'"),
         ("transcripts.jsonl", "7\n", "no run of `llm play` that can be read"),
         ("transcripts.jsonl", "", "has no episodes yet"),
-        (
-            "transcripts.jsonl",
-            '{"task": "t0", "statement": "There is a blue block.", "outcome": "success", "actions": [7]}\n',
-            "no run of `llm play` that can be read",
-        ),
     ],
 )
-def test_conversations__of_damaged_files_are_refused(run: Path, file: str, content: str, message: str):
+def test_conversations__of_damaged_files_are_refused(run, file, content, message):
     (run / file).write_text(content)
     with pytest.raises(EpisodesError) as caught:
         conversations(run)
@@ -98,9 +79,7 @@ def test_conversations__of_damaged_files_are_refused(run: Path, file: str, conte
     assert "object has no attribute" not in str(caught.value)
 
 
-def test_episodes__of_an_edited_corpus_are_refused(
-    run: Path, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_episodes__of_an_edited_corpus_are_refused(run, corpus, tmp_path, capsys):
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
     row = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch", "player": "", "task_id": "t0"}
     row |= {"actions": [3, 0], "outcome": "success", "statement": "There is a blue block."}
@@ -109,14 +88,14 @@ def test_episodes__of_an_edited_corpus_are_refused(
     corpus.write_text(corpus.read_text().replace("There is a blue block.", "There is no such block."))
     with pytest.raises(EpisodesError, match="was played with other tasks"):
         conversations(run)
-    source = str(tmp_path / "web.sqlite3")
-    assert main(["data", "from-recordings", source, "--out", str(tmp_path / "own.npz")]) == 2
-    assert "was 'There is a blue block.' when it was played" in capsys.readouterr().err
+    assert "was 'There is a blue block.' when it was played" in error_of(
+        capsys, f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz"
+    )
     with pytest.raises(EpisodesError, match="when it was played"):
         load_report_data([tmp_path / "web.sqlite3"])
 
 
-def test_database__of_an_earlier_version_gets_the_statements_column(tmp_path: Path):
+def test_database__of_an_earlier_version_gets_the_statements_column(tmp_path):
     import sqlite3
 
     database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")

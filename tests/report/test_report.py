@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from matplotlib.container import BarContainer
 
-from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.contrib.report import ReportError, make_report, paper, writing
 from lilgym_mp.contrib.report import items as report_items
 from lilgym_mp.contrib.report.aggregation import (
@@ -25,7 +24,7 @@ from lilgym_mp.contrib.report.aggregation import (
     mean_where,
     paired_difference,
 )
-from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind, failures
+from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind, failures
 from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
@@ -35,6 +34,8 @@ from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
+from tests.command_line import error_of, succeeds
+from tests.json_files import read_json
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -47,9 +48,8 @@ from tests.report.recordings import (
 )
 
 
-def test_report__has_the_recorded_numbers_and_charts(tmp_path: Path):
-    write_example(tmp_path)
-    assert report_text(tmp_path) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
+def test_report__has_the_recorded_numbers_and_charts(example):
+    assert report_text(example) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
 
 
 def plain(cell: Any) -> Any:
@@ -58,7 +58,6 @@ def plain(cell: Any) -> Any:
 
 
 def rows(table: Any) -> list[tuple[Any, ...]]:
-    assert isinstance(table, Table)
     return [tuple(map(plain, row)) for row in table.rows]
 
 
@@ -80,41 +79,37 @@ def accuracies(*by_statement: Sequence[int]) -> tuple[Episode, ...]:
     )
 
 
-def recordings(directory: Path, *of_runs: Sequence[Episode], agent: str = "mine") -> tuple[Recording, ...]:
+def recordings(directory: Path, *of_runs: Sequence[Episode]) -> tuple[Recording, ...]:
     for seed, kept in enumerate(of_runs):
-        written(directory, kept, training_seed=seed, agent=agent)
+        written(directory, kept, training_seed=seed)
     return load_report_data([directory]).entries[0].runs
 
 
 def interval(of: Sequence[Recording]) -> tuple[float | None, float | None]:
     found = accuracy_where(of)
-    assert found is not None
     return found.low, found.high
 
 
-def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
-    half = accuracies(*[[1], [0]] * 50)
-    alike = interval(recordings(tmp_path / "alike", half))
-    assert alike == (pytest.approx(40, abs=1.5), pytest.approx(60, abs=1.5))  # 50 +- 1.96 * 50 / sqrt(100)
+def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path):
+    alike = interval(recordings(tmp_path / "alike", accuracies(*[[1], [0]] * 50)))
+    assert alike == pytest.approx((40, 60), abs=1.5)  # 50 +- 1.96 * 50 / sqrt(100)
     all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
     assert interval(all_or_nothing) == (0, 100)
-    one_statement = accuracies([1, 0] * 50)
-    assert interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
+    assert interval(recordings(tmp_path / "one", accuracies([1, 0] * 50))) == (50, 50)
     assert accuracy_where(all_or_nothing, lambda episode: episode.target) is None
 
 
-def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
-    hard = [[1]] * 60 + [[0]] * 40
-    first = recordings(tmp_path / "first", accuracies(*hard))
-    better = recordings(tmp_path / "better", accuracies(*[[1]] * 70, *[[0]] * 30))
+def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path):
+    def successes(count, of):
+        outcomes = [[1]] * count + [[0]] * (of - count)
+        return recordings(tmp_path / f"{count} of {of}", accuracies(*outcomes))
+
+    first, better = successes(60, 100), successes(70, 100)
     difference = paired_difference(better, first)
-    assert difference is not None
-    assert difference[:3] == (pytest.approx(10), pytest.approx(4.5, abs=1.5), pytest.approx(16, abs=1.5))
+    assert difference[:3] == pytest.approx((10, 4.5, 16), abs=1.5)
     assert difference.p_value == pytest.approx(0.001, abs=0.001)  # z = 10 / 3
     assert paired_difference(first, first) == (0, 0, 0, 1)
-    none = recordings(tmp_path / "none", accuracies(*[[0]] * 5))
-    all_five = recordings(tmp_path / "all", accuracies(*[[1]] * 5))
-    assert paired_difference(all_five, none) == (100, 100, 100, 2**-4)
+    assert paired_difference(successes(5, 5), successes(0, 5)) == (100, 100, 100, 2**-4)
 
 
 def test_holm__corrects_p_values_for_their_number():
@@ -122,32 +117,23 @@ def test_holm__corrects_p_values_for_their_number():
     assert holm([]) == []
 
 
-def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path):
+def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path):
     for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
         written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
     data = load_report_data([tmp_path])
     (table,) = paired_tests(data)
     difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
-    assert difference is not None
     three_times = f"{3 * difference.p_value:.4f}"
     assert [row[-1] for row in rows(table)] == ["1.0000", three_times, three_times]
     assert "corrected for the 3 tests" in table.note
 
 
-def test_chapters__missing_items_say_why(tmp_path: Path):
+def test_chapters__missing_items_say_why(tmp_path):
     written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
-    missing = {
-        item.item: item
-        for items in chapters(load_report_data([tmp_path])).values()
-        for item in items
-        if type(item) is Item
-    }
-    assert {
-        "Figure 4",
-        "Edits needed",
-        "Calibration of STOP",
-    } <= missing.keys()
-    assert "--optimal" in missing["Edits needed"].note
+    items = [item for items in chapters(load_report_data([tmp_path])).values() for item in items]
+    missing = {item.item: item.note for item in items if type(item) is Item}
+    assert {"Figure 4", "Calibration of STOP"} <= missing.keys()
+    assert "--optimal" in missing["Edits needed"]
 
 
 def digests(directory: Path) -> dict[str, str]:
@@ -155,28 +141,32 @@ def digests(directory: Path) -> dict[str, str]:
     return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-@pytest.mark.long
-def test_summary__is_three_sentences_on_the_best_trained_agent(tmp_path: Path):
-    write_example(tmp_path)
-    first, second, third = summary(load_report_data([tmp_path]))
+@pytest.fixture(scope="module")
+def example(tmp_path_factory) -> Path:
+    """The directory of the example; read-only."""
+    place = tmp_path_factory.mktemp("example")
+    write_example(place)
+    return place
+
+
+def test_summary__is_three_sentences_on_the_best_trained_agent(example):
+    first, second, third = summary(load_report_data([example]))
     assert re.fullmatch(r"\S.* solves .* on dev\.", first)
     assert second.startswith(("The second of", "No other"))
     assert third == "Of the episodes that sampler fails, 100 % end with a wrong STOP."
 
 
-def test_failures__link_to_play_and_watch(tmp_path: Path):
-    write_example(tmp_path)
-    links = dict(next(failures(load_report_data([tmp_path]))).links)
-    kind = next(text.removeprefix("Play: ") for text in links if text.startswith("Play"))
-    assert links[f"Play: {kind}"].startswith("http://127.0.0.1:8000/play?configuration=")
-    assert "/watch?text=" in links[f"Watch: {kind}"]
+def test_failures__link_to_play_and_watch(example):
+    links = dict(next(failures(load_report_data([example]))).links)
+    assert any(text.startswith("Play") and "/play?configuration=" in link for text, link in links.items())
+    assert any(text.startswith("Watch") and "/watch?text=" in link for text, link in links.items())
 
 
 def test_latex__has_minus_signs():
     assert "$-$1.50" in Table("Figure 3", "Mean reward", ("agent", "reward"), (("mine", -1.5),)).latex()
 
 
-def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
+def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
     before = digests(tmp_path)
@@ -195,13 +185,13 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def undrawn(monkeypatch) -> None:
     """Leaves pictures empty, as drawing is slow."""
     monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
+def test_report__escapes_statements_and_shows_no_markup(tmp_path):
     written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
     page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
     assert "<b>mine" not in page
@@ -214,15 +204,12 @@ def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
     ("change", "said"),
     [
         ({"settings": replace(SCATTER, corpus="lilgym")}, "corpus is 'lilgym', but 'builtin' in"),
-        ({"settings": replace(SCATTER, rules="release")}, "rules is 'release', but 'paper' in"),
         ({"tasks_sha256": "0" * 64}, "tasks_sha256 is 000000000000"),
         ({"run": "runs/b"}, "training_seed 0 is that of"),
         ({"training_seed": None}, "training_seed is missing"),
     ],
 )
-def test_report__incomparable_recordings_are_refused_naming_file_and_key(
-    tmp_path: Path, change: dict[str, Any], said: str
-):
+def test_report__incomparable_recordings_are_refused_naming_file_and_key(tmp_path, change, said):
     written(tmp_path / "kept" / "a")
     other = written(tmp_path / "kept" / "b", **change)
     with pytest.raises(ReportError, match=said) as fault:
@@ -244,32 +231,24 @@ def cut(path: Path) -> None:
         (lambda place: place.write_text("hello"), "damaged, or not a file of recorded episodes"),
     ],
 )
-def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], said: str
-):
+def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(tmp_path, capsys, prepare, said):
     prepare(tmp_path / "kept")
-    assert main(["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out")]) == USAGE_ERROR
-    assert said in capsys.readouterr().err
+    assert said in error_of(capsys, f"report {tmp_path / 'kept'} --out", tmp_path / "out")
     assert [path.name for path in tmp_path.iterdir() if path.name != "kept"] == []
 
 
-def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path: Path):
+def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path):
     written(tmp_path / "kept")
     with pytest.raises(OutputError, match=r"out\.html: .* name a directory"):
         make_report([tmp_path / "kept"], tmp_path / "out.html")
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "precious").write_text("x")
-    with pytest.raises(OutputError, match="holds something other than a report"):
-        make_report([tmp_path / "kept"], tmp_path / "out")
-    assert (tmp_path / "out" / "precious").read_text() == "x"
-    page = make_report([tmp_path / "kept"], tmp_path / "report")
-    page.with_name("notes.md").write_text("x")
+    (tmp_path / "out" / "notes.md").write_text("x")
     with pytest.raises(OutputError, match=r"holds something other than a report, notes\.md"):
-        make_report([tmp_path / "kept"], tmp_path / "report")
-    assert page.with_name("notes.md").read_text() == "x"
+        make_report([tmp_path / "kept"], tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["notes.md"]
 
 
-def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path: Path):
+def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path):
     written(tmp_path)
     recipes = [("ScatterScratch", "ours"), ("ScatterScratch", "other"), ("TowerScratch", "ours")]
     for seed, (configuration, model) in enumerate(recipes):
@@ -342,12 +321,8 @@ def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     made = report_items.table("Table", "Shares", ("a", "b (%)", "c", "d"), cells)
     assert made.columns == ("a", "b (%)", "d")
     assert made.texts() == [["own", "66.7", "0.67"], ["paper †", "1.0", "–"]]
-    assert made.latex().splitlines()[1:5] == [
-        r"\begin{tabular}{lrr}",
-        r"\toprule",
-        r"a & b (\%) & d \\",
-        r"\midrule",
-    ]
+    assert r"\begin{tabular}{lrr}" in made.latex()
+    assert r"a & b (\%) & d \\" in made.latex()
     assert r"paper $^\dagger$ & 1.0 & -- \\" in made.latex()
     few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
     many = few._replace(episodes=100)
@@ -356,7 +331,7 @@ def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     assert [row[1] for row in mixed.texts()] == ["67 ± 1 [60, 70]"] * 2  # a column has one number of decimals
 
 
-def test_report__damaged_evaluations_are_named(tmp_path: Path):
+def test_report__damaged_evaluations_are_named(tmp_path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
     (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
@@ -364,7 +339,7 @@ def test_report__damaged_evaluations_are_named(tmp_path: Path):
         load_report_data([tmp_path])
 
 
-def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Path):
+def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path):
     written(tmp_path / "a", recipe={"width": 64, "seed": 0})
     written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
     written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
@@ -374,13 +349,14 @@ def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Pa
     assert "mine (width 128, programs)" in {entry.agent for entry in load_report_data([tmp_path]).entries}
 
 
-def test_report__configurations_may_be_played_on_different_splits(tmp_path: Path):
+@pytest.mark.usefixtures("undrawn")
+def test_report__configurations_may_be_played_on_different_splits(tmp_path):
     written(tmp_path / "kept")
     written(tmp_path / "kept", settings=replace(SCATTER, configuration="ScatterScratch"), split="test")
     assert make_report([tmp_path / "kept"], tmp_path / "report").is_file()
 
 
-def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path: Path):
+def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None), (0.6, None, None)])
     file = tmp_path / "a" / "evaluations.jsonl"
@@ -389,23 +365,19 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path: Path)
     assert (first["steps"], first["accuracy"], second["steps"], second["accuracy"]) == (0, 0.5, 32, 0.7)
 
 
-def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
-    words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
-    assert main(["evaluate", *words, "--record", str(kept), "--out", str(results)]) == 0
+    command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
+    succeeds(f"{command} --record {kept} --out", results)
     found = load_report_data([kept])
-    for row in json.loads(results.read_text())["results"]:
+    for row in read_json(results)["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
-        assert entry is not None
         assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
         reward = mean_where(entry.runs, lambda episode: episode.reward)
         assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
-        invalid = mean_where(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
-        assert invalid is not None
-        assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
 
 
-def written_games(path: Path, *pairs: tuple[str, str, float, str]) -> Path:
+def written_games(path, *pairs):
     """Results of games as `lilgym-mp evaluate --out` writes them, in part: both agents, success and remark."""
     shared = {"configuration": "ScatterFlipIt", "protocol": "veto", "corpus": "builtin", "split": "dev"}
     results = [
@@ -426,7 +398,7 @@ def written_games(path: Path, *pairs: tuple[str, str, float, str]) -> Path:
     return path
 
 
-def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path: Path):
+def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path):
     pairs = ("a", "a", 0.5, ""), ("a", "b", 0.3, "trained with other views"), ("expert", "a", 0.7, "")
     file = written_games(tmp_path / "games.json", *pairs)
     ((matrix,),) = chapters(load_report_data([file])).values()
@@ -438,7 +410,7 @@ def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path: Path)
     assert "Success (%), ScatterFlipIt, veto, dev, builtin, greedy" in page
 
 
-def test_games__another_json_file_is_refused_by_name(tmp_path: Path):
+def test_games__another_json_file_is_refused_by_name(tmp_path):
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(
         ReportError, match=r"other\.json: not results of games, which `lilgym-mp evaluate --out` writes"
@@ -446,7 +418,7 @@ def test_games__another_json_file_is_refused_by_name(tmp_path: Path):
         load_report_data([tmp_path / "other.json"])
 
 
-def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path: Path):
+def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path):
     write_example(tmp_path)
     games = written_games(tmp_path / "games.json", ("runs/a", "runs/a", 0.5, ""), ("random", "random", 0.0, ""))
     (made,), (without,) = (table_2(load_report_data(paths)) for paths in ([tmp_path, games], [tmp_path]))

@@ -7,7 +7,7 @@ import random
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 from typing import Any
 
 import pytest
@@ -29,7 +29,6 @@ from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from lilgym_mp.solver import Solver
@@ -48,7 +47,7 @@ def some(kind: str, appearance: str = "tower", count: int = 4, **settings: Any) 
 
 
 @pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
-def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_right(kind: str, appearance: str):
+def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_right(kind, appearance):
     found = some(kind, appearance)
     assert some(kind, appearance) == found
     assert [Row.from_json(json.loads(json.dumps(row.to_json()))) for row in found] == found
@@ -69,7 +68,7 @@ def test_expert__finds_the_plan_of_a_row_that_needs_a_long_search():
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("lengths", [(4, 5), (2, 2)])
-def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance: str, lengths: tuple[int, int]):
+def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance, lengths):
     solver = Solver(make_dynamics(make_appearance(appearance)))
     for row in some("plan", appearance, 3, min_actions=lengths[0], max_actions=lengths[1]):
         assert row.steps in lengths
@@ -85,11 +84,11 @@ def test_splits__share_no_meaning_and_statements_are_not_repeated():
 
 
 @pytest.mark.parametrize("kind", ["truth", "verify"])
-def test_truth_rows__come_in_pairs_one_edit_apart(kind: str):
+def test_truth_rows__come_in_pairs_one_edit_apart(kind):
     dynamics = make_dynamics(make_appearance("tower"))
     edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
 
-    def edited(task: Task) -> list[Scene]:
+    def edited(task):
         return [dynamics.step(dynamics.start(task), edit).state.scene for edit in edits]
 
     for one, other in zip(*[iter(some(kind))] * 2, strict=True):
@@ -125,7 +124,7 @@ def test_rows__end_a_search_after_the_given_time():
         ({"min_actions": 5, "max_actions": 4}, "ascending, not 5 and 4"),
     ],
 )
-def test_invalid_settings__are_refused_at_once(settings: dict[str, Any], message: str):
+def test_invalid_settings__are_refused_at_once(settings, message):
     with pytest.raises(ValueError, match=message):
         rows(**{"kind": "plan", **settings})
 
@@ -245,7 +244,7 @@ ANSWERS = {
 @pytest.mark.parametrize(
     ("kind", "reply", "outcome"), [(kind, *each) for kind, answers in ANSWERS.items() for each in answers]
 )
-def test_answer__is_read_and_checked(kind: str, reply: object, outcome: str):
+def test_answer__is_read_and_checked(kind, reply, outcome):
     found = score(reply, replace(PLAN, kind=kind))
     assert found.outcome == outcome
     assert found.reward == float(outcome == "success")
@@ -273,7 +272,7 @@ def test_program__that_is_always_true_cannot_be_checked():
         ({"task": {**TOLD, "start": "[" * 100_000}}, "row 't'"),
     ],
 )
-def test_row__that_cannot_be_scored_is_refused(change: dict[str, Any], message: str):
+def test_row__that_cannot_be_scored_is_refused(change, message):
     with pytest.raises(RowError, match=message):
         Row.from_json({**PLAN.to_json(), **change})
     with pytest.raises(RowError, match="a row must have the format"):
@@ -304,7 +303,7 @@ def test_conversation__without_a_said_stop_is_no_success():
 
 
 @pytest.mark.parametrize(("finish_reason", "outcome"), [("length", "cut"), ("content_filter", "filtered")])
-def test_reply__that_the_server_did_not_end_normally_is_not_read(finish_reason: str, outcome: str):
+def test_reply__that_the_server_did_not_end_normally_is_not_read(finish_reason, outcome):
     right = "ADD(LEFT, BLUE)\nSTOP"
     assert score(right, PLAN, finish_reason="stop").reward == 1
     assert score(right, PLAN, finish_reason=finish_reason)[:2] == (0.0, outcome)
@@ -333,7 +332,7 @@ def test_turns__have_the_return_that_they_lose_against_the_expert():
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_regrets__are_zero_for_the_experts_plan(appearance: str):
+def test_regrets__are_zero_for_the_experts_plan(appearance):
     for row in some("plan", appearance, 3, seed=5):
         details = score(expert_reply(row), row).details
         assert {regret for regret in details["regrets"] if regret is not None} <= {0.0}
@@ -389,10 +388,10 @@ def test_row__with_a_program_that_takes_seconds_is_refused_at_once():
 
 
 def test_hostile_replies__are_scored_in_bounded_time():
-    outcomes, slow = examined(480, seed=1, most_seconds=0.5)  # ten times what the stress test allows: machines differ
+    outcomes, slow = examined(240, seed=1, most_seconds=0.5)  # ten times what the stress test allows: machines differ
     assert slow == []
-    assert sum(outcomes.values()) == 480
-    assert outcomes["not_understood"] > 240
+    assert sum(outcomes.values()) == 240
+    assert outcomes["not_understood"] > 120
 
 
 def word_mutants(program: str) -> Iterator[str]:
@@ -423,19 +422,17 @@ def word_mutants(program: str) -> Iterator[str]:
 
 
 def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
-    wrong = rewarded = 0
-    for appearance in APPEARANCES:
+    rewards = []
+    for appearance, level in product(APPEARANCES, (1, 3, 5)):
         rng = random.Random(3)
         scenes = [sampler_of(appearance).scene(rng) for _ in range(200)]
-        for level in (1, 2, 3, 4, 5):
-            for row in some("program", appearance, 2, level=level, seed=4):
-                truths = list(map(compile_program(row.task.program), scenes))
-                for mutant in set(word_mutants(row.task.program)):
-                    if list(map(compile_program(mutant), scenes)) != truths:
-                        wrong += 1
-                        rewarded += score(mutant, row).reward
-    assert wrong > 200
-    assert rewarded < 0.01 * wrong
+        for row in some("program", appearance, 2, level=level, seed=4):
+            truths = list(map(compile_program(row.task.program), scenes))
+            mutants = set(word_mutants(row.task.program))
+            wrong = [mutant for mutant in mutants if list(map(compile_program(mutant), scenes)) != truths]
+            rewards += [score(mutant, row).reward for mutant in wrong]
+    assert len(rewards) > 100
+    assert sum(rewards) < 0.01 * len(rewards)
 
 
 def test_checked_truths__tell_exactly_one_from_at_least_one():
@@ -461,11 +458,8 @@ NEAR_MISSES = [  # programs of generated statements, and one edit away
 
 
 @pytest.mark.parametrize(("program", "edit"), NEAR_MISSES)
-def test_checked_truths__tell_a_program_from_one_that_differs_in_crowded_boxes_alone(
-    program: str, edit: tuple[str, str]
-):
+def test_checked_truths__tell_a_program_from_one_that_differs_in_crowded_boxes_alone(program, edit):
     checked = checked_truths(program, "scatter")
-    assert checked is not None
     mutant = compile_program(program.replace(*edit))
     assert any(mutant(scene) != value for scene, value in checked.items())
     assert len(checked) <= 100

@@ -16,10 +16,10 @@ from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import Any
+from urllib.parse import quote
 
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
-METHODS = ("get", "post", "put", "delete", "patch")
 HOSTILE_VALUES: tuple[Any, ...] = (
     *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
     *("", " ", "\0", "a\0b", "\ud800", "\u202e", "é" * 300, "x" * 9_000),
@@ -46,40 +46,36 @@ class RequestGenerator:
         self.known = known  # existing values by parameter name
         self._components: Mapping[str, Any] = schema.get("components", {}).get("schemas", {})
         self.operations = [
-            (method, path, described)
-            for path, methods in schema["paths"].items()
-            for method, described in methods.items()
+            (path, *operation) for path, methods in schema["paths"].items() for operation in methods.items()
         ]
 
     def __iter__(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Method, path, and further arguments of httpx's `request`."""
         while True:
-            method, path, described = self.random.choice(self.operations)
-            query: list[tuple[str, Any]] = []
+            path, method, described = self.random.choice(self.operations)
+            options: dict[str, Any] = {"params": []}
             for parameter in described.get("parameters", ()):
-                name, schema = parameter["name"], parameter.get("schema", {})
+                name = parameter["name"]
+                text = _text(self._value(parameter.get("schema", {}), name))
                 if parameter["in"] == "path":
-                    path = path.replace("{" + name + "}", _segment(self._value(schema, name)))
-                elif parameter["in"] == "query" and self.random.random() < 0.7:
-                    query += [(name, _text(self._value(schema, name)))] * self.random.choice((1, 1, 1, 2))
-            options: dict[str, Any] = {"params": query} if query else {}
+                    path = path.replace("{" + name + "}", quote(text, safe="")[:2_000])
+                elif self.random.random() < 0.7:
+                    options["params"] += [(name, text)] * self.random.choice((1, 1, 1, 2))
             content = described.get("requestBody", {}).get("content", {})
             if content:
-                options.update(self._body(content))
+                options |= self._body(content)
             if self.random.random() < 0.1:
                 options["headers"] = self.random.choice(HEADERS)
-            if self.random.random() < 0.03:
-                method = self.random.choice(METHODS)
             yield method, path, options
 
     def _body(self, content: Mapping[str, Any]) -> dict[str, Any]:
         if self.random.random() < 0.15 or "application/json" not in content:
             return {"content": self.random.choice(BODIES)}
         body = self._value(content["application/json"]["schema"], "", hostile=0.05)
-        data = json.dumps(body, ensure_ascii=True)
+        data = json.dumps(body).encode()
         if self.random.random() < 0.05:
             data = data[: self.random.randrange(1 + len(data))]
-        return {"content": data.encode(), "headers": {"Content-Type": "application/json"}}
+        return {"content": data, "headers": {"Content-Type": "application/json"}}
 
     def _value(self, schema: Mapping[str, Any], name: str, hostile: float = 0.25) -> Any:
         """A value that fits the schema, or with probability `hostile` one of HOSTILE_VALUES."""
@@ -88,43 +84,27 @@ class RequestGenerator:
             return random.choice(HOSTILE_VALUES)
         if name in self.known and random.random() < 0.7:
             return random.choice(self.known[name])
-        if "$ref" in schema:
-            return self._value(self._components[schema["$ref"].rpartition("/")[2]], name, hostile)
-        if "anyOf" in schema:
-            return self._value(random.choice(schema["anyOf"]), name, hostile)
-        if "enum" in schema:
-            return random.choice(schema["enum"])
-        match schema.get("type"):
-            case "object":
-                required = schema.get("required", ())
+        match schema:
+            case {"$ref": reference}:
+                return self._value(self._components[reference.rpartition("/")[2]], name, hostile)
+            case {"anyOf": choices}:
+                return self._value(random.choice(choices), name, hostile)
+            case {"enum": values}:
+                return random.choice(values)
+            case {"type": "object"}:
                 fields = schema.get("properties", {}).items()
-                return {
-                    key: self._value(of, key, hostile=0.12)
-                    for key, of in fields
-                    if random.random() < (0.95 if key in required else 0.6)
-                }
-            case "array":
+                return {key: self._value(of, key, hostile=0.12) for key, of in fields if random.random() < 0.9}
+            case {"type": "array"}:
                 return [self._value(schema.get("items", {}), name) for _ in range(random.randrange(4))]
-            case "integer":
-                return random.randint(-1, 30)
-            case "number":
-                return random.uniform(-1, 30)
-            case "boolean":
-                return random.random() < 0.5
-            case "null":
-                return None
+            case {"type": "integer" | "number" | "boolean" | "null" as kind}:
+                simple = {"integer": random.randint(-1, 30), "number": random.uniform(-1, 30), "null": None}
+                return simple.get(kind, random.random() < 0.5)
             case _:
                 return random.choice(("x", "a-b_c", "blue", "STOP", "exist(all_items)", "scatter-dev-025-a"))
 
 
 def _text(value: Any) -> str:
     return (value if isinstance(value, str) else json.dumps(value)).encode(errors="replace").decode()
-
-
-def _segment(value: Any) -> str:
-    from urllib.parse import quote
-
-    return quote(_text(value), safe="")[:2_000]
 
 
 def _client(app: Any) -> Any:

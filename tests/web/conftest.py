@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 
 @pytest.fixture
-def app(tmp_path: Path) -> Iterator[Any]:
+def app(tmp_path) -> Iterator[Any]:
     from tests.web.web_app import server
 
     with server(tmp_path) as made:
@@ -18,7 +17,7 @@ def app(tmp_path: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def browser(app: Any) -> Any:
+def browser(app) -> Any:
     from tests.web.web_app import Browser
 
     return Browser(app)

@@ -18,7 +18,7 @@ API = "/api/explore"
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def browser(tmp_path_factory) -> Iterator[Browser]:
     with server(tmp_path_factory.mktemp("server")) as app:
         yield Browser(app)
 
@@ -37,7 +37,7 @@ def tasks() -> dict[str, Task]:
     return {task.id: task for task in load_tasks("builtin", "tower", "scratch", "dev")}
 
 
-def test_search__pages_through_every_statement_of_a_split(browser: Browser, tasks: dict[str, Task]):
+def test_search__pages_through_every_statement_of_a_split(browser, tasks):
     total, ids = found(browser)
     assert total == len({task.statement for task in tasks.values()})
     for first in range(len(ids), total, len(ids)):
@@ -46,14 +46,14 @@ def test_search__pages_through_every_statement_of_a_split(browser: Browser, task
     assert found(browser, first=total) == (0, [])
 
 
-def test_search__keeps_matching_statements_only(browser: Browser, tasks: dict[str, Task]):
+def test_search__keeps_matching_statements_only(browser, tasks):
     total, ids = found(browser, text="BLUE")
     assert 0 < total < found(browser)[0]
     assert all("blue" in f"{tasks[each].statement}{tasks[each].program}".lower() for each in ids)
     assert found(browser, text=ids[0]) == (1, [ids[0]])
 
 
-def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
+def test_statement__has_its_scenes_solutions_and_parts(browser):
     statement_id = found(browser, text="blue")[1][0]
     body = browser.get(f"{API}/statement", params={"statement_id": statement_id}).json()
     for scene in body["scenes"]:
@@ -77,7 +77,7 @@ def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
         ("/explore?first=-1", 422),
     ],
 )
-def test_bad_requests__get_an_error_response(browser: Browser, path: str, status: int):
+def test_bad_requests__get_an_error_response(browser, path, status):
     response = browser.get(path)
     assert response.status_code == status
     assert "Traceback" not in response.text

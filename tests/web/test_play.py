@@ -5,15 +5,16 @@ from __future__ import annotations
 import base64
 import sqlite3
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from lilgym_mp.contrib.web.bodies import png
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.scene.actions import describe, named
 from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"
@@ -31,42 +32,33 @@ def act(browser: Browser, episode: dict[str, Any], action: str, steps: int | Non
 
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
-def test_play__the_experts_solution_earns_the_environments_reward(browser: Browser, configuration: str):
+def test_play__the_experts_solution_earns_the_environments_reward(browser, configuration):
     episode = begin(browser, configuration=configuration)
     env = Settings(configuration).make("dev")
     env.reset(options={"task": episode["task_id"]})
     solution = browser.post(f"{EPISODES}/{episode['id']}/solution").json()
-    reward, info = 0.0, {}
+    appearance, reward, info = env.dynamics.appearance, 0.0, {}
     for step in solution["steps"]:
-        appearance = env.dynamics.appearance
         assert episode["scene"]["picture"].endswith(base64.b64encode(png(env.scene)).decode())
         response = act(browser, episode, step["action"])
         assert response.status_code == 200, response.text
         episode = response.json()
-        (index,) = [i for i in range(appearance.action_count) if _name(appearance, i) == step["action"]]
-        _, given, _, _, info = env.step(index)
+        _, given, _, _, info = env.step(appearance.encode(named(step["action"])))
         reward += float(given)
     assert episode["over"]
     assert episode["outcome"] == info["outcome"] == "success"
     assert episode["reward"] == pytest.approx(reward)
 
 
-def _name(appearance: Any, index: int) -> str:
-    from lilgym_mp.scene.actions import describe
-
-    return describe(appearance.decode(index))
-
-
-def test_legal__equals_the_exact_mask(browser: Browser):
+def test_legal__equals_the_exact_mask(browser):
     episode = begin(browser)
     names = browser.get(f"{EPISODES}/{episode['id']}/legal").json()["actions"]
     env = Settings("ScatterFlipIt").make("dev")
     env.reset(options={"task": episode["task_id"]})
-    mask = env.action_masks()
-    assert names == [_name(env.dynamics.appearance, index) for index in range(len(mask)) if mask[index]]
+    assert names == [describe(env.dynamics.appearance.decode(index)) for index in np.flatnonzero(env.action_masks())]
 
 
-def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser: Browser):
+def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser):
     episode = begin(browser)
     response = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)")
     assert response.status_code == 409
@@ -78,13 +70,13 @@ def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser:
     ("action", "status"),
     [("JUMP", 422), ("ADD(LEFT, BLUE)", 422), ("ADD(99, 0, CIRCLE, BLUE, SMALL)", 422), ("", 422), ("x" * 300, 422)],
 )
-def test_action__with_an_invalid_name_is_refused(browser: Browser, action: str, status: int):
+def test_action__with_an_invalid_name_is_refused(browser, action, status):
     response = act(browser, begin(browser), action)
     assert response.status_code == status
     assert response.json()["message"]
 
 
-def test_action__after_the_end_or_from_a_stale_page_is_refused(browser: Browser):
+def test_action__after_the_end_or_from_a_stale_page_is_refused(browser):
     episode = begin(browser)
     assert act(browser, episode, "STOP", steps=3).status_code == 409
     ended = act(browser, episode, "STOP").json()
@@ -94,7 +86,7 @@ def test_action__after_the_end_or_from_a_stale_page_is_refused(browser: Browser)
     assert "over" in again.json()["message"]
 
 
-def test_end__explains_the_outcome_and_marks_items(browser: Browser):
+def test_end__explains_the_outcome_and_marks_items(browser):
     episode = begin(browser)
     assert episode["end"] is None
     assert "program" not in str(episode)
@@ -107,7 +99,7 @@ def test_end__explains_the_outcome_and_marks_items(browser: Browser):
     assert all(tuple(item) in items for part in body["parts"] for item in part["items"])
 
 
-def test_episode__survives_a_restart(tmp_path: Path):
+def test_episode__survives_a_restart(tmp_path):
     with server(tmp_path) as app:
         browser = Browser(app)
         episode = begin(browser, configuration="TowerScratch")
@@ -116,7 +108,7 @@ def test_episode__survives_a_restart(tmp_path: Path):
         assert Browser(app).get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
-def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp_path: Path, app: Any):
+def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp_path, app):
     browser = Browser(app)
     shown, unaided = begin(browser, player="7"), begin(browser, player="7")
     browser.post(f"{EPISODES}/{shown['id']}/solution")
@@ -134,7 +126,7 @@ def test_drawn_tasks__are_not_mistyped():
     assert set(well_spelt_ids(tasks)) == set(tasks.ids) - mistyped
 
 
-def test_task__with_an_unknown_id_or_configuration_is_refused(browser: Browser):
+def test_task__with_an_unknown_id_or_configuration_is_refused(browser):
     response = browser.post(EPISODES, {"configuration": "TowerScratch", "task_id": "nowhere"})
     assert response.status_code == 404
     assert "no task 'nowhere'" in response.json()["message"]

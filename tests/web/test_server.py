@@ -10,19 +10,19 @@ import sys
 from contextlib import closing, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli import USAGE_ERROR
 from lilgym_mp.contrib.web.database import Database, DatabaseError
 from lilgym_mp.corpus.extras import install
+from tests.command_line import error_of, lilgym
 from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx")
 
 
-def test_pages__set_a_strict_policy_and_no_cookie(app: Any):
+def test_pages__set_a_strict_policy_and_no_cookie(app):
     response = Browser(app).get("/")
     assert response.status_code == 200
     policy = response.headers["content-security-policy"]
@@ -32,7 +32,7 @@ def test_pages__set_a_strict_policy_and_no_cookie(app: Any):
     assert "set-cookie" not in response.headers
 
 
-def test_errors__are_json_under_api_and_html_elsewhere(app: Any):
+def test_errors__are_json_under_api_and_html_elsewhere(app):
     browser = Browser(app)
     response = browser.get("/api/nowhere")
     assert response.status_code == 404
@@ -57,14 +57,14 @@ CHECK, EMPTY = "/api/annotate/check", {"program": ""}
         ({"Sec-Fetch-Site": "cross-site"}, 403),
     ],
 )
-def test_csrf__a_request_from_a_page_of_another_server_is_refused(app: Any, headers: dict[str, str], status: int):
+def test_csrf__a_request_from_a_page_of_another_server_is_refused(app, headers, status):
     assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == status
 
 
 @pytest.mark.parametrize(
     "headers", [{"Origin": "https://lab.example"}, {"Origin": "https://x.example:8", "X-Forwarded-Host": "x.example:8"}]
 )
-def test_csrf__a_request_through_a_proxy_needs_its_name_or_x_forwarded_host(tmp_path: Path, headers: dict[str, str]):
+def test_csrf__a_request_through_a_proxy_needs_its_name_or_x_forwarded_host(tmp_path, headers):
     with server(tmp_path, host_names=("lab.example",)) as app:
         assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == 200
         headers = {**headers, "Origin": "https://other.example"}
@@ -75,7 +75,7 @@ def test_csrf__a_request_through_a_proxy_needs_its_name_or_x_forwarded_host(tmp_
         assert Browser(app).get("/", headers={"Host": "lab.example"}).status_code == 200
 
 
-def test_head__has_the_headers_of_get_and_no_body(app: Any):
+def test_head__has_the_headers_of_get_and_no_body(app):
     for path in ("/", "/explore", "/assets/style.css", "/api/play/episodes/none"):
         answers = [Browser(app).client.request(method, path) for method in ("GET", "HEAD")]
         assert answers[1].status_code == answers[0].status_code
@@ -83,7 +83,7 @@ def test_head__has_the_headers_of_get_and_no_body(app: Any):
         assert answers[1].content == b""
 
 
-def test_pages__link_relatively_and_name_the_version_of_scripts(app: Any):
+def test_pages__link_relatively_and_name_the_version_of_scripts(app):
     browser = Browser(app)
     assert '="/' not in browser.get("/").text
     assert 'src="../../../assets/common.js?v=' in browser.get("/explore/tower/dev/tower-dev-001").text
@@ -91,28 +91,28 @@ def test_pages__link_relatively_and_name_the_version_of_scripts(app: Any):
     assert (answer.status_code, answer.headers["location"]) == (307, "../play?split=dev")
 
 
-def test_hosts__an_unknown_host_name_is_refused(app: Any):
+def test_hosts__an_unknown_host_name_is_refused(app):
     response = Browser(app).get("/", headers={"Host": "elsewhere.example"})
     assert response.status_code == 400
     assert "elsewhere.example" in response.text
 
 
 @pytest.mark.parametrize("has_content_length", [True, False])
-def test_size__a_body_that_is_large_or_without_a_length_is_refused(app: Any, has_content_length: bool):
+def test_size__a_body_that_is_large_or_without_a_length_is_refused(app, has_content_length):
     body = b"x" * 10_000_000
-    content: Any = body if has_content_length else iter([body[:100_000]] * 100)
+    content = body if has_content_length else iter([body[:100_000]] * 100)
     response = Browser(app).post("/api/annotate/check", content=content)
     assert response.status_code == 413
     assert response.headers["connection"] == "close"
     assert "at most 262,144 bytes" in response.json()["message"]
 
 
-def test_size__a_length_of_chunks_is_not_believed(app: Any):
+def test_size__a_length_of_chunks_is_not_believed(app):
     headers = {"Transfer-Encoding": "chunked", "Content-Length": "10"}
     assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == 413
 
 
-def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path, monkeypatch):
     monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.2)
     with server(tmp_path) as app:
         browser = Browser(app)
@@ -127,7 +127,7 @@ def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: 
         assert browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).status_code == 201
 
 
-def test_database__that_is_moved_away_is_created_again(tmp_path: Path):
+def test_database__that_is_moved_away_is_created_again(tmp_path):
     with server(tmp_path) as app:
         browser = Browser(app)
         first = browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).json()["id"]
@@ -140,7 +140,7 @@ def test_database__that_is_moved_away_is_created_again(tmp_path: Path):
 TOKEN = "a-token-for-everybody"
 
 
-def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
+def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path):
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         browser = Browser(app)
         for path in ("/", "/openapi.json", "/?token=", "/?token=guess", f"/?token={TOKEN}x"):
@@ -155,20 +155,20 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
         assert browser.post(CHECK, EMPTY).status_code == 200
 
 
-def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path, monkeypatch):
     url = SimpleNamespace(path="/assets/")  # as Starlette before 1.0 reads it from "Host: localhost/assets/?"
     monkeypatch.setattr("starlette.requests.HTTPConnection.url", url)
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         assert Browser(app).get("/api/watch/recordings").status_code == 401
 
 
-def test_token__the_redirection_stays_on_this_server(tmp_path: Path):
+def test_token__the_redirection_stays_on_this_server(tmp_path):
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         answer = Browser(app).get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
         assert answer.headers["location"] == "./elsewhere.example"
 
 
-def test_token__the_cookie_of_another_token_is_refused(tmp_path: Path):
+def test_token__the_cookie_of_another_token_is_refused(tmp_path):
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         browser = Browser(app)
         browser.get(f"/?token={TOKEN}")
@@ -179,14 +179,14 @@ def test_token__the_cookie_of_another_token_is_refused(tmp_path: Path):
         assert again.get("/").status_code == 401
 
 
-def test_database__another_kind_of_file_is_refused(tmp_path: Path):
+def test_database__another_kind_of_file_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("no database " * 100)
     with pytest.raises(DatabaseError, match="not a database"):
         Database(tmp_path / "notes.txt")
 
 
 @pytest.mark.parametrize("change", ["CREATE TABLE recipes (id INTEGER)", "PRAGMA user_version=99"])
-def test_database__of_another_program_or_version_is_refused(tmp_path: Path, change: str):
+def test_database__of_another_program_or_version_is_refused(tmp_path, change):
     if change.startswith("PRAGMA"):
         Database(tmp_path / "web.sqlite3")
     with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as other:
@@ -201,9 +201,8 @@ def _serve(*words: str, directory: Path) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-def test_command__serves_and_stops_cleanly_on_interrupt(tmp_path: Path):
+def test_command__serves_and_stops_cleanly_on_interrupt(tmp_path):
     running = _serve("--port", "0", directory=tmp_path)
-    assert running.stdout is not None
     assert running.stdout.readline().startswith("serving at http://127.0.0.1:")
     running.send_signal(signal.SIGINT)
     _, errors = running.communicate(timeout=30)
@@ -213,9 +212,8 @@ def test_command__serves_and_stops_cleanly_on_interrupt(tmp_path: Path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("chosen", [[], ["--token", TOKEN]])
-def test_command__beyond_loopback_prints_a_link_that_opens_the_pages(tmp_path: Path, chosen: list[str]):
+def test_command__beyond_loopback_prints_a_link_that_opens_the_pages(tmp_path, chosen):
     running = _serve("--port", "0", "--host", "0.0.0.0", *chosen, directory=tmp_path)
-    assert running.stdout is not None
     link = running.stdout.readline().split()[-1]
     try:
         assert "0.0.0.0" not in link
@@ -239,7 +237,7 @@ def hold_lock(place: Path) -> sqlite3.Connection:
 @pytest.mark.parametrize(
     ("option", "value", "hold", "said"),
     [
-        *(("--token", token, None, "must be 8 to 200 letters") for token in ("", "short", "with a space", "a" * 201)),
+        *(("--token", token, None, "must be 8 to 200 letters") for token in ("", "with a space", "a" * 201)),
         ("--runs", "{}/none", None, "there is no such directory"),
         ("--database", "{}/none/web.sqlite3", None, "none/web.sqlite3: unable to open database file"),
         ("--database", "{}/held", lambda place: hold_lock(place / "held"), "held: it is locked by another program"),
@@ -248,31 +246,26 @@ def hold_lock(place: Path) -> sqlite3.Connection:
     ],
 )
 def test_command__what_cannot_be_served_is_reported_in_one_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    option: str,
-    value: str,
-    hold: Any,
-    said: str,
+    tmp_path,
+    capsys,
+    monkeypatch,
+    option,
+    value,
+    hold,
+    said,
 ):
     monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.1)
     with closing(hold(tmp_path)) if hold else nullcontext() as held:
         port = held.getsockname()[1] if isinstance(held, socket.socket) else 0
-        options = {
-            "--port": "0",
-            "--database": str(tmp_path / "web.sqlite3"),
-            option: value.format(tmp_path, port=port),
-        }
-        assert main(["serve", *(word for pair in options.items() for word in pair)]) == USAGE_ERROR
-    error = capsys.readouterr().err
+        options = {"--port": 0, "--database": tmp_path / "web.sqlite3", option: value.format(tmp_path, port=port)}
+        error = error_of(capsys, "serve", *(word for pair in options.items() for word in pair))
     assert said in error
     assert error.count("\n") == 1
 
 
-def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_command__a_missing_extra_is_named(monkeypatch, capsys):
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.contrib.web")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "fastapi", None)
-    assert main(["serve", "--port", "0"]) == USAGE_ERROR
+    assert lilgym("serve --port 0") == USAGE_ERROR
     assert capsys.readouterr().err == f"lilgym-mp serve: needs fastapi: {install('web')}\n"

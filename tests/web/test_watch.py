@@ -17,7 +17,7 @@ from PIL import Image
 from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
@@ -39,7 +39,7 @@ def record(
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def runs(tmp_path_factory) -> Path:
     """Recordings of two policies on the same tasks, of another configuration, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 10))
@@ -51,7 +51,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def browser(tmp_path: Path, runs: Path) -> Iterator[Browser]:
+def browser(tmp_path, runs) -> Iterator[Browser]:
     with server(tmp_path, runs=runs) as app:
         yield Browser(app)
 
@@ -63,13 +63,21 @@ def found(browser: Browser, name: str) -> dict[str, Any]:
     return browser.get(f"{API}/{line['id']}").json()
 
 
-def test_recordings__are_listed_with_their_headers(browser: Browser):
-    body = browser.get(API).json()
-    assert [line["name"].split("/")[0] for line in body["recordings"]] == ["old", "scatter", "tower", "tower"]
-    assert {line["configuration"] for line in body["recordings"]} == {"TowerScratch", "ScatterFlipIt", "TowerFlipIt"}
+def episode(browser: Browser, name: str, index: int = 0) -> dict[str, Any]:
+    return browser.get(f"{API}/{found(browser, name)['id']}/episodes/{index}").json()
 
 
-def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, runs: Path):
+def test_recordings__are_listed_with_their_headers(browser):
+    lines = browser.get(API).json()["recordings"]
+    assert [(line["name"].split("/")[0], line["configuration"]) for line in lines] == [
+        ("old", "TowerScratch"),
+        ("scatter", "ScatterFlipIt"),
+        ("tower", "TowerFlipIt"),
+        ("tower", "TowerFlipIt"),
+    ]
+
+
+def test_request__a_shipped_agent_plays_and_is_listed_first(browser, runs):
     pytest.importorskip("torch")
     before = sorted(runs.rglob("*"))
     answer = browser.post(API, {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"})
@@ -81,7 +89,7 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, ru
     assert sorted(runs.rglob("*")) == before
 
 
-def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path: Path):
+def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path):
     pytest.importorskip("torch")
     recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")
     recorded.rename(recorded.with_name(f"imitation-TowerFlipIt-dev-0{SUFFIX}"))
@@ -91,7 +99,7 @@ def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path: 
         assert len(browser.get(API).json()["recordings"]) == 2
 
 
-def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):
+def test_agents__of_replaced_files_are_loaded_again(tmp_path):
     pytest.importorskip("torch")
     runs, file = Runs(tmp_path), tmp_path / "mine" / AGENT_FILE
     file.parent.mkdir()
@@ -110,15 +118,13 @@ def test_agents__of_replaced_files_are_loaded_again(tmp_path: Path):
         ("agent:imitation-tower", "Towers", 422, "configuration"),
     ],
 )
-def test_request__that_cannot_be_played_says_why(
-    browser: Browser, agent: str, configuration: str, status: int, reason: str
-):
+def test_request__that_cannot_be_played_says_why(browser, agent, configuration, status, reason):
     pytest.importorskip("torch")
     answer = browser.post(API, {"agent": agent, "configuration": configuration})
     assert (answer.status_code, reason in answer.json()["message"]) == (status, True), answer.text
 
 
-def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browser, runs: Path):
+def test_recording__has_outcome_counts_and_comparable_recordings(browser, runs):
     body = found(browser, "tower/random-legal")
     recorded = read_episodes(next((runs / "tower").glob("random-legal*.gz")))
     assert body["successes"] == sum(episode.is_success for episode in recorded.episodes)
@@ -129,17 +135,13 @@ def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browse
     ]
 
 
-def test_recording__without_decisions_says_so(browser: Browser):
-    body = found(browser, "old/")
-    episode = browser.get(f"{API}/{body['id']}/episodes/0").json()
-    assert all(step["decision"] is None for step in episode["steps"])
+def test_recording__without_decisions_says_so(browser):
+    assert all(step["decision"] is None for step in episode(browser, "old/")["steps"])
 
 
-def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Browser):
-    recording = found(browser, "expert")
+def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser):
     for index in range(5):
-        episode = browser.get(f"{API}/{recording['id']}/episodes/{index}").json()
-        *steps, end = episode["steps"]
+        *steps, end = episode(browser, "expert", index)["steps"]
         assert (end["action"], end["decision"]) == (None, None)
         assert [step["decision"]["steps_to_go"] for step in steps] == list(range(len(steps), 0, -1))
         for step in steps:
@@ -148,21 +150,19 @@ def test_episode__the_expert_is_certain_and_optimal_and_counts_down(browser: Bro
             assert decision["likeliest"] == [[step["action"], 1.0]]
 
 
-def test_episode__counts_legal_actions_by_the_exact_mask(browser: Browser, runs: Path):
-    recording = found(browser, "scatter/")
+def test_episode__counts_legal_actions_by_the_exact_mask(browser, runs):
     recorded = read_episodes(next((runs / "scatter").glob("*.gz")))
-    decision = browser.get(f"{API}/{recording['id']}/episodes/0").json()["steps"][0]["decision"]
+    decision = episode(browser, "scatter/")["steps"][0]["decision"]
     env = Settings("ScatterFlipIt").make("dev")
     env.reset(options={"task": recorded.episodes[0].task})
     assert sum(decision["legal"]) == env.action_masks().sum()
     assert {cell for cell, _ in decision["add_cells"]} <= set(range(19 * 5))
 
 
-def test_episode__tower_cells_are_its_boxes(browser: Browser):
-    recording = found(browser, "tower/random-legal")
-    episode = browser.get(f"{API}/{recording['id']}/episodes/0").json()
-    assert episode["grid"] == [3, 1]
-    assert {cell for cell, _ in episode["steps"][0]["decision"]["add_cells"]} <= {0, 1, 2}
+def test_episode__tower_cells_are_its_boxes(browser):
+    shown = episode(browser, "tower/random-legal")
+    assert shown["grid"] == [3, 1]
+    assert {cell for cell, _ in shown["steps"][0]["decision"]["add_cells"]} <= {0, 1, 2}
 
 
 @pytest.mark.parametrize(
@@ -171,50 +171,40 @@ def test_episode__tower_cells_are_its_boxes(browser: Browser):
         (f"{API}/0123456789abcdef", 404),
         (f"{API}/0123456789abcdef/episodes/0", 404),
         (f"{API}/..%2F..%2Fetc%2Fpasswd", 404),
-        (f"{API}/..", 404),
-        (f"{API}/ABC", 422),
         (f"{API}/%2e%2e", 422),
     ],
 )
-def test_recording__only_listed_ids_are_found(browser: Browser, path: str, status: int):
+def test_recording__only_listed_ids_are_found(browser, path, status):
     response = browser.get(path)
     assert response.status_code == status, response.text
     assert "root:" not in response.text
 
 
-def test_episode__beyond_the_last_is_not_found(browser: Browser):
+def test_episode__beyond_the_last_is_not_found(browser):
     response = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
     assert response.status_code == 404
     assert "this recording has episodes 0 to" in response.json()["message"]
 
 
-def damaged(runs: Path, place: Path, how: str) -> None:
+def damaged(runs: Path, target: Path, how: str) -> None:
     """Writes a damaged copy of a recording."""
     source = next((runs / "old").glob("*.gz"))
-    target = place / "bad.episodes.jsonl.gz"
-    place.mkdir(parents=True, exist_ok=True)
-    if how == "text":
-        target.write_text("not a recording")
-    elif how == "cut":
-        target.write_bytes(source.read_bytes()[:-200])
-    elif how == "empty":
-        target.write_bytes(b"")
+    target.parent.mkdir()
+    if how == "horizon":
+        recording = read_episodes(source)
+        impossible = replace(recording.header.settings, horizon=-5)
+        write_episodes(target, replace(recording.header, settings=impossible), recording.episodes)
     else:
-        shutil.copy(source, target)
-        recording = read_episodes(target)
-        kept = recording.header.settings
-        write_episodes(target, replace(recording.header, settings=replace(kept, horizon=-5)), recording.episodes)
+        target.write_bytes({"text": b"not a recording", "cut": source.read_bytes()[:-200]}[how])
 
 
 @pytest.mark.parametrize(
     ("how", "said"),
-    [("text", "damaged"), ("cut", "truncated"), ("empty", "first line"), ("horizon", "horizon")],
+    [("text", "damaged"), ("cut", "truncated"), ("horizon", "horizon")],
 )
-def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
-    tmp_path: Path, runs: Path, how: str, said: str, caplog: pytest.LogCaptureFixture
-):
+def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(tmp_path, runs, how, said, caplog):
     place = tmp_path / "runs"
-    damaged(runs, place, how)
+    damaged(runs, place / f"bad{SUFFIX}", how)
     shutil.copytree(runs / "tower", place / "tower")
     with server(tmp_path, runs=place) as app:
         browser = Browser(app)
@@ -232,19 +222,18 @@ def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(
         assert str(tmp_path) not in opened.json()["message"]
 
 
-def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
+def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
     place = tmp_path / "runs"
-    path = record(place, "expert", "TowerScratch")
+    path = record(place, "expert", "TowerScratch", decisions=False)
+    recording = read_episodes(path)
     with server(tmp_path, runs=place) as app:
         browser = Browser(app)
-        before = found(browser, "expert")
-        recording: Recording = read_episodes(path)
-        fewer = recording.episodes[:3]
-        write_episodes(path, replace(recording.header, episodes=3), fewer)
-        assert (found(browser, "expert")["episodes"], before["episodes"]) == (3, len(recording.episodes))
+        assert found(browser, "expert")["episodes"] == len(recording.episodes) > 3
+        write_episodes(path, replace(recording.header, episodes=3), recording.episodes[:3])
+        assert found(browser, "expert")["episodes"] == 3
 
 
-def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path: Path):
+def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path):
     pytest.importorskip("torch")
     with server(tmp_path) as app:
         page = Browser(app).get("/watch").text

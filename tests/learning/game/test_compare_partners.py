@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from tests.scripts import load_script
 
 def test_messages__are_silenced_or_permuted_and_answers_stay():
     script, sent = load_script("compare_partners"), np.arange(10)  # two answers with messages 0 (none) to 4
-    verifier, turn = SimpleNamespace(batch=lambda turn: sent), cast("Any", None)
+    verifier, turn = SimpleNamespace(batch=lambda turn: sent), None
     assert script.Messages(verifier, 4, silent=True).batch(turn).tolist() == [0] * 5 + [5] * 5
     assert script.Messages(verifier, 4, silent=False).batch(turn).tolist() == [0, 2, 3, 4, 1, 5, 7, 8, 9, 6]
 

@@ -10,11 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.cli import main
 from lilgym_mp.cli.training import resumed
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.observation import scene_of
@@ -22,7 +20,6 @@ from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
     GameSettings,
     Role,
-    SingleAgentView,
     measure,
     parallel_env,
 )
@@ -32,16 +29,19 @@ from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
-from lilgym_mp.learning.game.training import GameProgress, GameRun, train_game
+from lilgym_mp.learning.game.rollout import RolloutPlayer
+from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
+from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
+LEARNING = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
 INDEPENDENT = replace(SMALL, algorithm="independent")
 JOINT = GameSettings(protocol="joint")
 
@@ -52,73 +52,34 @@ def trained(
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
 
 
-def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
-    found = agent.partner(role, sampled=sampled)
-    assert found is not None
-    return found
-
-
 # Learning
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "verifier"),
-    [
-        pytest.param("independent", "ppo", marks=pytest.mark.long),
-        pytest.param("shared", "both", marks=pytest.mark.long),
-    ],
-)
-def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
-    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str, verifier: str
-):
-    recipe = replace(
-        SMALL,
-        algorithm=algorithm,
-        verifier=verifier,
-        envs=64,
-        rollout=1024,
-        batch_size=256,
-        epochs=2,
-        learning_rate=3e-3,
-        width=32,
-    )
+@pytest.mark.long
+@pytest.mark.parametrize(("algorithm", "verifier"), [("independent", "ppo"), ("shared", "both")])
+def test_train__both_agents_solve_three_statements(tmp_path, three, algorithm, verifier):
+    recipe = replace(LEARNING, algorithm=algorithm, verifier=verifier, epochs=2)
     settings = GameSettings(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
-
-    def success(name: str) -> float:
-        agent = trained(tmp_path / name, 12_288, recipe, settings)
-        players = partner(agent, Role.PROPOSER, sampled=True), partner(agent, Role.VERIFIER, sampled=True)
-        return measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate
-
-    assert success("learnt") > 0.85
-    if algorithm != "shared":
-        return
-    play = RolloutPlayer.play
-
-    def shuffled(self: RolloutPlayer, *args: Any) -> Rollout:
-        found, rng = play(self, *args), np.random.default_rng(0)
-        for rewards in found.rewards:
-            rewards[:] = rng.permutation(rewards.reshape(-1)).reshape(rewards.shape)
-        found.claims = found.claims._replace(holds=rng.permutation(found.claims.holds))
-        return found
-
-    monkeypatch.setattr(RolloutPlayer, "play", shuffled)
-    assert success("shuffled") < 0.6
+    agent = trained(tmp_path, 12_288, recipe, settings)
+    players = agent.partner(Role.PROPOSER, sampled=True), agent.partner(Role.VERIFIER, sampled=True)
+    assert measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate > 0.85
 
 
 @pytest.mark.long
-def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str):
-    recipe = replace(
-        SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32
-    )
+def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path, three):
+    recipe = replace(LEARNING, verifier="cross-entropy")
     settings = GameSettings(protocol="audit", rewards="correctness", corpus=three)
     proposers = [SCRIPTED["helpful"], SCRIPTED["deceptive"]]
     agent = trained(tmp_path, 12_288, recipe, settings, proposers=proposers)
     assert agent.partner(Role.PROPOSER) is None
     env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
-    for proposer, measured in (("helpful", "true_accept_rate"), ("deceptive", "false_accept_rate")):
-        found = measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
-        assert getattr(found, measured) > 0.8 if proposer == "helpful" else getattr(found, measured) < 0.2
+    helpful, deceptive = (
+        measure(env, SCRIPTED[proposer], agent.partner(Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
+        for proposer in ("helpful", "deceptive")
+    )
+    assert helpful.true_accept_rate > 0.8
+    assert deceptive.false_accept_rate < 0.2
 
 
 # Every game
@@ -131,41 +92,28 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         ("both", "joint", "common", {"configuration": "ScatterFlipIt"}),
         ("both", "audit", "hidden", {}),
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
-        pytest.param("both", "veto", "common", {}, marks=pytest.mark.long),
-        pytest.param("cross-entropy", "joint", "common", {}, marks=pytest.mark.long),
-        pytest.param("cross-entropy", "audit", "hidden", {}, marks=pytest.mark.long),
-        pytest.param("cross-entropy", "critique", "common", {}, marks=pytest.mark.long),
     ],
 )
-def test_train__every_protocol_gives_agents_that_play(
-    tmp_path: Path, own: str, verifier: str, protocol: str, rewards: str, changes: dict[str, Any]
-):
+def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, protocol, rewards, changes):
     changes = {"configuration": "TowerFlipIt", **changes}
     settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
-    assert isinstance(agent, GameAgent)
     env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, split="dev", **changes)
-    players = partner(agent, Role.PROPOSER), partner(agent, Role.VERIFIER)
+    players = agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER)
     batched = measure(env, *players)
     single = measure(env, *(lambda turn, one=one: one(turn) for one in players))
     assert batched == single
-    game = SingleAgentView(env, "verifier_0", partner=players[0])
-    game.reset(seed=0)
-    game.step(int(game.action_masks().argmax()))
     with pytest.raises(AgentError, match="lilgym-mp evaluate"):
         agent.policy(Settings("TowerFlipIt"))
-    other = parallel_env(protocol="audit" if protocol != "audit" else "veto", corpus=own, split="dev")
     with pytest.raises(AgentError, match=f"trained on protocol '{protocol}'"):
-        measure(other, *players)
+        measure(parallel_env(protocol="audit" if protocol != "audit" else "veto", split="dev"), *players)
 
 
-@pytest.mark.parametrize("protocol", ["joint", "veto", "critique"])
-def test_claims__are_of_the_scene_that_was_judged(
-    tmp_path: Path, own: str, protocol: str, monkeypatch: pytest.MonkeyPatch
-):
-    found: list[Rollout] = []
+@pytest.mark.parametrize("protocol", ["joint", "critique"])
+def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monkeypatch):
+    found = []
     play = RolloutPlayer.play
     monkeypatch.setattr(RolloutPlayer, "play", lambda self, *args: found.append(play(self, *args)) or found[-1])
     settings = GameSettings(corpus=own, protocol=protocol)
@@ -180,21 +128,21 @@ def test_claims__are_of_the_scene_that_was_judged(
 # Runs on disk
 
 
-def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path):
-    heard: list[GameProgress] = []
+def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
+    heard = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=heard.append)
     assert [progress.steps for progress in heard] == [64, 128] * 3
-    recorded = [json.loads(line) for line in (tmp_path / "a" / "progress.jsonl").read_text().splitlines()]
+    recorded = read_json_lines(tmp_path / "a" / "progress.jsonl")
     assert [line["steps"] for line in recorded] == [64, 128]
     assert equal(tmp_path / "a", tmp_path / "b")
     assert not equal(tmp_path / "a", tmp_path / "c")
 
 
-def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
+def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
     trained(tmp_path / "whole", 256, INDEPENDENT)
 
-    def interrupt(progress: GameProgress) -> None:
+    def interrupt(progress):
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -202,28 +150,25 @@ def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
         trained(tmp_path / "cut", 256, INDEPENDENT, on_progress=interrupt)
     details = open_agent(tmp_path / "cut").description.details
     assert (details["steps"], details["interrupted"]) == (128, True)
-    assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
+    assert lilgym("train game --resume --out", tmp_path / "cut") == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
-    with pytest.raises(TrainingRunError, match="already has 256 steps"):
-        trained(tmp_path / "cut", 256, INDEPENDENT, resume=True)
 
 
 # Partners and warm starts
 
 
-def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path: Path):
-    both = trained(tmp_path / "both")
+def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path):
+    trained(tmp_path / "both")
     before = weights(tmp_path / "both")
     alone = trained(tmp_path / "alone", proposers=[tmp_path / "both"], start_from=tmp_path / "both")
     assert alone.partner(Role.PROPOSER) is None
     assert set(alone.networks) == {Role.VERIFIER}
     assert all(torch.equal(before[name], tensor) for name, tensor in weights(tmp_path / "both").items())
-    assert both.networks[Role.VERIFIER].vocabulary.words == alone.networks[Role.VERIFIER].vocabulary.words
     with pytest.raises(AgentError, match="no trained proposer_0"):
         trained(tmp_path / "third", proposers=[tmp_path / "alone"])
     veto = GameSettings(protocol="veto")
     trained(tmp_path / "scripted", settings=veto, verifiers=[Path("always-accept")])
-    identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
+    identity = read_json(tmp_path / "scripted" / "run.json")["identity"]
     assert identity["partners"] == {"verifier": ["always-accept"]}
     assert resumed(tmp_path / "scripted", "game", LEARNER, {}, {}, {})[2].verifiers == [Path("always-accept")]
     with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):
@@ -232,7 +177,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
         trained(tmp_path / "fifth", proposers=[tmp_path / "both"], verifiers=[tmp_path / "both"])
 
 
-def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
+def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
     wide = replace(SMALL, width=112)
@@ -246,7 +191,7 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
 # Invalid input
 
 
-def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
+def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path):
     trained(tmp_path / "run")
     with pytest.raises(TrainingRunError, match="has protocol joint, but veto was requested"):
         resumed(tmp_path / "run", "game", LEARNER, {"protocol": "veto"}, {}, {})
@@ -260,29 +205,30 @@ def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
 # The command
 
 
-def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--no-recolour"]
-    run = ["--out", str(tmp_path / "run")]
-    game = ["train", "game", "TowerFlipIt", "--protocol", "joint"]
-    assert main([*game, "--rewards", "common", "--seed", "3", *run, "--steps", "64", *small]) == 0
-    said = capsys.readouterr().out
-    assert "proposer_0 and verifier_0 learn" in said
-    assert "lilgym-mp evaluate" in said
-    assert main(["train", "game", "--resume", *run, "--steps", "128"]) == 0
-    assert load_agent(tmp_path / "run" / "agent.safetensors").recipe.seed == 3
+SMALL_RUN = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --no-recolour --steps 64"
+
+
+def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys):
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
-    audit = ["train", "game", "TowerScratch", "--protocol", "audit", "--rewards", rewards, *small, "--steps", "64"]
-    assert main([*audit, "--out", str(tmp_path / "audit")]) == 0
-    against = [*audit, "--out", str(tmp_path / "against"), "--verifiers", str(tmp_path / "audit")]
-    assert main(against) == 0
+    audit = f"train game TowerScratch --protocol audit --rewards '{rewards}' --seed 3 {SMALL_RUN} --out"
+    shown = output_of(capsys, audit, tmp_path / "audit")
+    assert "proposer_0 and verifier_0 learn" in shown
+    assert "lilgym-mp evaluate" in shown
+    assert load_agent(tmp_path / "audit" / "agent.safetensors").recipe.seed == 3
+    succeeds(audit, tmp_path / "against", "--verifiers", tmp_path / "audit")
     assert load_agent(tmp_path / "against" / "agent.safetensors").partner(Role.VERIFIER) is None
-    capsys.readouterr()
-    for wrong, error in (
-        (["--minutes", "0"], "minutes must be above 0, not 0"),
-        (["--rewards", "{"], "--rewards: not valid JSON"),
-        (["--rewards", "none"], "unknown rewards 'none'; choose from"),
-        (["--proposers", str(tmp_path / "nowhere")], "no trained agent at"),
-    ):
-        assert main([*game, "--out", str(tmp_path / "bad"), *small, *wrong]) == 2
-        assert error in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        ("--minutes 0", "minutes must be above 0, not 0"),
+        ("--rewards {", "--rewards: not valid JSON"),
+        ("--rewards none", "unknown rewards 'none'; choose from"),
+        ("--proposers nowhere", "no trained agent at"),
+    ],
+)
+def test_command__wrong_options_are_reported(wrong, error, tmp_path, capsys):
+    command = f"train game TowerFlipIt --protocol joint {SMALL_RUN} {wrong} --out"
+    assert error in error_of(capsys, command, tmp_path / "bad")
     assert not (tmp_path / "bad").exists()

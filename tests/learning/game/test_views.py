@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import (
-    AGENTS,
     PROTOCOLS,
     BatchedGames,
     GameSettings,
@@ -31,6 +29,8 @@ from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
+from tests.command_line import succeeds
+from tests.json_files import read_json
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
@@ -43,7 +43,6 @@ EYES_SHUT = View(statement="none", target=False)
 def trained(path: Path, settings: GameSettings, recipe: GameRecipe = INDEPENDENT, **options: Any) -> GameAgent:
     train_game(settings, recipe, path, steps=128, device="cpu", **options)
     agent = open_agent(path, "cpu")
-    assert isinstance(agent, GameAgent)
     return agent
 
 
@@ -70,12 +69,12 @@ def test_guide__hides_statement_and_target_from_the_proposer_and_gives_a_message
 
 
 @pytest.mark.parametrize("algorithm", ["independent", "shared"])
-def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algorithm: str):
+def test_trained_builder__acts_alike_whatever_the_statement(tmp_path, algorithm):
     agent = trained(tmp_path, GUIDED, replace(SMALL, algorithm=algorithm))
-    logits: dict[Role, Any] = {}
+    logits = {}
     for role in Role:
         turn = first_turns(GUIDED, role)
-        partner: Any = agent.partner(role)
+        partner = agent.partner(role)
         choice = partner._policy(turn).choice
         logits[role] = choice.probabilities() if role is Role.PROPOSER else choice._log_probs
     assert torch.allclose(logits[Role.PROPOSER], logits[Role.PROPOSER][:1], atol=1e-6)
@@ -83,7 +82,7 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path: Path, algo
 
 
 @pytest.mark.parametrize("algorithm", ["independent", "shared"])
-def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Path, algorithm: str):
+def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path, algorithm):
     recipe = replace(SMALL, algorithm=algorithm, critic="central")
     run = GameRun(GUIDED, recipe, tmp_path / "run", steps=128)
     run.step()
@@ -105,23 +104,21 @@ def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path: Pa
     assert {*agent.network.state_dict()} == {key for key in run.networks.state_dict() if not key.startswith("critic_")}
 
 
-def test_own_protocols_and_terms__train_and_play_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_own_protocols_and_terms__train_and_play_by_name(tmp_path, monkeypatch):
     monkeypatch.setitem(PROTOCOLS, "claims", replace(PROTOCOLS["audit"], name="claims"))
     monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
     rewards = json.dumps({"proposer_0": {"mdp": 1, "boldness": 0.1}, "verifier_0": "correctness"})
-    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
-    run = str(tmp_path / "run")
-    game = ["--protocol", "claims", "--rewards", rewards]
-    assert main(["train", "game", "TowerScratch", *game, *small, "--steps", "64", "--out", run]) == 0
+    small = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --width 16 --steps 64"
+    succeeds(f"train game TowerScratch --protocol claims --rewards '{rewards}' {small} --out", tmp_path)
     env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
-    agent = open_agent(Path(run), "cpu")
+    agent = open_agent(tmp_path, "cpu")
     assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
 
 
-def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path: Path):
+def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path):
     agent = trained(tmp_path, GUIDED)
     assert agent.game.views_by_role() == GUIDED.views_by_role()
-    players: Any = [agent.partner(role) for role in Role]
+    players = [agent.partner(role) for role in Role]
     own, other = (
         parallel_env(protocol="critique", views=views, split="dev", message_size={"proposer_0": 0, "verifier_0": 13})
         for views in ("guide", "structured")
@@ -138,19 +135,18 @@ def test_settings__are_saved_with_views_unless_both_agents_see_everything():
     assert again.views_by_role() == blind.views_by_role()
 
 
-@pytest.mark.parametrize("protocol", ["critique", "joint"])
-def test_train__networks_are_built_from_every_part_of_a_view(tmp_path: Path, protocol: str):
+def test_train__networks_are_built_from_every_part_of_a_view(tmp_path):
     views = {
         "proposer_0": View(scene="none", history=2, refused=False),
         "verifier_0": View(scene="none", statement="tokens", history=1),
     }
     sizes = {"proposer_0": 2, "verifier_0": 3}
-    settings = GameSettings(protocol=protocol, views=views, message_size=sizes)
+    settings = GameSettings(protocol="critique", views=views, message_size=sizes)
     agent = trained(tmp_path, settings)
-    players: Any = [agent.partner(role) for role in Role]
-    env = parallel_env(protocol=protocol, views=views, message_size=sizes, split="dev")
+    players = [agent.partner(role) for role in Role]
+    env = parallel_env(protocol="critique", views=views, message_size=sizes, split="dev")
     assert measure(env, *players, tasks=env.tasks.ids[:5]).games == 5
-    short = parallel_env(protocol=protocol, message_size=sizes, split="dev")
+    short = parallel_env(protocol="critique", message_size=sizes, split="dev")
     with pytest.raises(AgentError, match="a history of 2 turns in its views; the game keeps 0"):
         measure(short, *players, tasks=env.tasks.ids[:5])
 
@@ -175,13 +171,13 @@ def test_situations__leave_out_what_a_view_hides_and_add_past_turns():
     assert len(context_sizes(game)) == context.shape[1]
 
 
-def test_views_without_a_claim__are_refused_in_one_line(tmp_path: Path):
+def test_views_without_a_claim__are_refused_in_one_line(tmp_path):
     blind = {"proposer_0": View(), "verifier_0": EYES_SHUT}
     with pytest.raises(ValueError, match=r"'audit' has verifier_0 judge .* views show it no statement, and proposer_0"):
         GameRun(GameSettings(protocol="audit", views=blind), SMALL, tmp_path, steps=64, device="cpu")
 
 
-def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path: Path):
+def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path):
     trained(tmp_path / "four", GameSettings(protocol="critique"))
     sizes = r"message_size \{'proposer_0': 0, 'verifier_0': 4\}; this game has \{'proposer_0': 0, 'verifier_0': 13\}"
     with pytest.raises(AgentError, match=sizes):
@@ -193,36 +189,31 @@ def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path: Pa
 
 
 @pytest.mark.long
-def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path: Path, three: str):
+def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path, three):
     recipe = replace(INDEPENDENT, envs=64, rollout=2048, batch_size=256, epochs=2, learning_rate=3e-3, width=32)
     settings = replace(GUIDED, corpus=three)
     train_game(settings, recipe, tmp_path, steps=40_960, device="cpu", verifiers=[Path("guide")])
-    said = ["--out", str(tmp_path / "said.json")]
-    assert main(["evaluate", str(tmp_path), *said]) == 0
-    assert main(["evaluate", str(tmp_path), "--messages", "silenced", "--out", str(tmp_path / "silent.json")]) == 0
-    told, silent = (
-        next(
-            entry["success"]
-            for entry in json.loads((tmp_path / f"{name}.json").read_text())["results"]
-            if entry["verifier"] == "guide"
-        )
-        for name in ("said", "silent")
-    )
+    success = []
+    for messages in ("", "--messages silenced"):
+        succeeds(f"evaluate {tmp_path} {messages} --force --out", tmp_path / "found.json")
+        found = read_json(tmp_path / "found.json")["results"]
+        success += [entry["success"] for entry in found if entry["verifier"] == "guide"]
+    told, silent = success
     assert told > 0.9
     assert silent < told - 0.2
 
 
-def test_messages__start_varied_and_depend_on_each_box(tmp_path: Path):
+def test_messages__start_varied_and_depend_on_each_box(tmp_path):
     run = GameRun(GUIDED, SMALL, tmp_path, steps=64, device="cpu")
-    network: Any = run.networks["shared"]
+    network = run.networks["shared"]
     first, weights = int(network._offsets[3]), network.context.weight.detach()
     assert 0.7 < float(weights[first : first + 14].std()) < 1.3
     assert float(weights[:first].std()) < 0.1
     assert network.box_messages[Role.VERIFIER].weight.norm(dim=1).allclose(torch.ones(14))
 
 
-def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path: Path):
-    said: list[str] = []
+def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path):
+    said = []
     recipe = replace(SMALL, envs=32)  # two turns
     train_game(GameSettings(protocol="veto"), recipe, tmp_path, steps=128, device="cpu", say=said.append)
     (warning,) = [line for line in said if line.startswith("warning")]
@@ -230,9 +221,3 @@ def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path: Path):
     assert "games side by side do not end" in warning
     line = json.loads((tmp_path / "progress.jsonl").read_text().splitlines()[0])
     assert 0.1 < line["unfinished"] <= 1
-
-
-def test_progress_reward__is_paid_to_learners(tmp_path: Path):
-    rewards = {agent: {"mdp": 1, "progress": 0.3} for agent in AGENTS}
-    trained_agent = trained(tmp_path, GameSettings(protocol="joint", rewards=rewards))
-    assert trained_agent.game.rewards == rewards

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE, entry
+from tests.json_files import read_json_lines
 
 SMALL: dict[str, Any] = {
     "pretraining": 0.0,
@@ -44,7 +44,7 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope="session")
-def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
+def statements(tmp_path_factory) -> str:
     """The path of a corpus with three statements per appearance, the same in train and dev."""
     path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
     entries = [
@@ -62,4 +62,4 @@ def small_recipe(settings: Settings, **changes: Any) -> ImitationRecipe:
 
 
 def progress_lines(out: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (out / "progress.jsonl").read_text().splitlines()]
+    return read_json_lines(out / "progress.jsonl")

@@ -33,13 +33,13 @@ def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
     return entries, table
 
 
-def test_explorer__labels_are_those_of_the_program_and_the_expert(statements: str):
+def test_explorer__labels_are_those_of_the_program_and_the_expert(statements):
     entries, table = collected(statements)
     solver, heads = Solver(make_dynamics(Tower())), action_heads(Tower())
     for entry in entries:
         assert len(entry.with_actions) >= 4
         for boxes, truth, steps, actions in zip(entry.scenes, entry.truths, entry.steps, entry.actions, strict=True):
-            scene = Scene(tuple(table.boxes[box] for box in boxes))  # pyright: ignore[reportArgumentType]
+            scene = Scene(tuple(table.boxes[box] for box in boxes))
             assert entry.program(scene) == truth
             if actions is not None:
                 task = Task("", entry.statement, entry.program.source, not truth, scene)
@@ -48,24 +48,20 @@ def test_explorer__labels_are_those_of_the_program_and_the_expert(statements: st
                 assert steps == found.steps
 
 
-def test_batch__labels_hold_after_recolouring(statements: str):
+def test_batch__labels_hold_after_recolouring(statements):
     entries, table = collected(statements)
     vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
     heads = action_heads(Tower())
     tokenizer = StatementTokenizer(vocabulary)
     sampler = BatchSampler(table, heads, tokenizer, torch.device("cpu"), ImitationRecipe(unknown_words=0.0))
     batch = sampler.batch(entries, 3, 4, np.random.default_rng(3))
-    programs = {
-        f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
-        for statement, program, name in (
-            (" ".join(normalised_words(entry.statement, ())), entry.program.source, colour.name)
-            for entry in entries
-            for colour in Colour
-            if colour.name.lower() in entry.statement
-        )
-        for colour in Colour
-        for start, end in [statement.split(name.lower())]
-    }
+    programs = {}
+    for entry in entries:
+        words = " ".join(normalised_words(entry.statement, ()))
+        (named,) = [colour.name for colour in Colour if colour.name.lower() in words]
+        for other in Colour:
+            recoloured = words.replace(named.lower(), other.name.lower())
+            programs[recoloured] = entry.program.source.replace(named, other.name)
     solver = Solver(make_dynamics(Tower()))
     changed = 0
     for row, entry in enumerate(entries):

@@ -21,7 +21,7 @@ def random_outputs(appearance: Tower | Scatter) -> Outputs:
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance: Tower | Scatter):
+def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance):
     heads = action_heads(appearance)
     outputs = random_outputs(appearance)
     targets = torch.tensor([[0, 1], [1, 0]])
@@ -38,7 +38,7 @@ def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance: Tow
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_action_heads__index_maps_are_inverse_except_on_separators(appearance: Tower | Scatter):
+def test_action_heads__index_maps_are_inverse_except_on_separators(appearance):
     heads = action_heads(appearance)
     assert np.array_equal(heads.index_of[heads.action_of], np.arange(heads.size))
     left_out = np.flatnonzero(heads.index_of < 0)

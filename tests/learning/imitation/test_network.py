@@ -30,26 +30,24 @@ def policy_of(appearance: Tower | Scatter) -> tuple[NetworkPolicy, DataCollector
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__is_independent_of_the_rest_of_the_batch(appearance: Tower | Scatter):
+def test_policy__is_independent_of_the_rest_of_the_batch(appearance):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
-    scenes = [scene := collector.edited(scene) for _ in range(7)]
-    statements = [STATEMENTS[index % 3] for index in range(7)]
-    targets = np.array([0, 1, 1, 0, 1, 0, 0])
+    scenes = [scene := collector.edited(scene) for _ in STATEMENTS]
+    targets = np.array([0, 1, 1])
     boxes = policy.table.indices(scenes)
-    together = policy.log_probabilities(statements, boxes, targets)
-    for row in range(7):
-        alone = policy.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
+    together = policy.log_probabilities(STATEMENTS, boxes, targets)
+    for row, statement in enumerate(STATEMENTS):
+        alone = policy.log_probabilities([statement], boxes[[row]], targets[[row]])
         np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
 
 
 def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
-    log_probabilities = np.log(
-        np.array([[0.6, 0.1, 0.3], [0.6, 0.1, 0.3], [0.4, 0.5, 0.1], [0.4, 0.5, 0.1]], np.float32)
-    )
+    stop, add = [0.6, 0.1, 0.3], [0.4, 0.5, 0.1]
+    log_probabilities = np.log(np.array([stop, stop, add, add], np.float32))
     steps = np.array([0, 1, 1, 11])
 
-    def chosen(rule: StopRule) -> list[int]:
+    def chosen(rule):
         return choose_actions(log_probabilities, steps, 12, rule, None).tolist()
 
     assert chosen(StopRule()) == [0, 0, 1, 0]
@@ -58,18 +56,16 @@ def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__is_equivariant_to_box_permutations(appearance: Tower | Scatter):
+def test_policy__is_equivariant_to_box_permutations(appearance):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     for _ in range(5):
         scene = collector.edited(scene)
-    heads = policy.heads
     order = [2, 0, 1]
-    found = policy.log_probabilities(
-        STATEMENTS[:1] * 2, policy.table.indices([scene, scene.permuted(order)]), np.array([1, 1])
+    boxes = policy.table.indices([scene, scene.permuted(order)])
+    stop, adds, removes = np.split(
+        policy.log_probabilities(STATEMENTS[:1] * 2, boxes, np.ones(2, np.int64)), [1, 1 + policy.heads.add_count], 1
     )
-    adds = found[:, 1 : 1 + heads.add_count].reshape(2, 3, -1)
-    removes = found[:, 1 + heads.add_count :].reshape(2, 3, -1)
-    np.testing.assert_allclose(found[0, 0], found[1, 0], atol=1e-4)
-    np.testing.assert_allclose(adds[0, order], adds[1], atol=1e-4)
-    np.testing.assert_allclose(removes[0, order], removes[1], atol=1e-4)
+    np.testing.assert_allclose(stop[0], stop[1], atol=1e-4)
+    for edits in (adds.reshape(2, 3, -1), removes.reshape(2, 3, -1)):
+        np.testing.assert_allclose(edits[0, order], edits[1], atol=1e-4)

@@ -24,11 +24,6 @@ from tests.learning.imitation.conftest import small_recipe
 from tests.learning.reward_model import conftest as reward_model
 
 
-@pytest.fixture(scope="module")
-def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return teacher_of(150, statements, tmp_path_factory.mktemp("teacher"))
-
-
 def teacher_of(updates: int, statements: str, out: Path, name: str = "TowerFlipIt") -> Path:
     settings = Settings(name, corpus=statements)
     train_reward_model(settings, reward_model.small_recipe(settings), out, updates=updates)
@@ -36,25 +31,20 @@ def teacher_of(updates: int, statements: str, out: Path, name: str = "TowerFlipI
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("own_states", [0.0, 1.0])
-def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
-    statements: str, teacher: Path, tmp_path: Path, own_states: float
-):
+def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(statements, tmp_path):
+    teacher = teacher_of(150, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
     with counted_stops() as stops:
-        recipe = small_recipe(settings, own_states=own_states)
+        recipe = small_recipe(settings, own_states=0.0)
         agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
     assert agent.description.supervision.startswith("rewards; ")
-    if not own_states:
-        assert agent.description.details["stops"] == len(stops)
-        assert agent.description.details["steps"] == sum(stops)
+    assert agent.description.details["stops"] == len(stops)
+    assert agent.description.details["steps"] == sum(stops)
     for name in ("TowerFlipIt", "TowerScratch"):
         assert accuracy(open_agent(tmp_path / "run"), replace(settings, configuration=name)) == 1
 
 
-def test_taught_network__learns_legal_edits_first_and_once(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_taught_network__learns_legal_edits_first_and_once(statements, tmp_path, monkeypatch):
     settings, updates = Settings("ScatterFlipIt", corpus=statements), list[int]()
     teacher = teacher_of(2, statements, tmp_path / "teacher", "ScatterFlipIt")
     monkeypatch.setattr(training, "pretrain_geometry", lambda *arguments: updates.append(arguments[2]))
@@ -65,7 +55,7 @@ def test_taught_network__learns_legal_edits_first_and_once(
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance: str):
+def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance):
     dynamics = make_dynamics(make_appearance(appearance))
     solver = Solver(dynamics)
     for task in load_tasks("builtin", appearance, "flipit", "dev")[:40:4]:
@@ -86,12 +76,12 @@ def test_first_edits__leave_out_what_must_come_later():
     assert len(first_edits(dynamics, Scene.empty(), [blue, other])) == 6
 
 
-def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, tmp_path: Path):
+def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements, tmp_path):
     teacher = teacher_of(2, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path / "other", updates=1)
     with pytest.raises(AgentError, match="other: a teacher must be a run of reward-model, not of imitation"):
         train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=1, teacher=tmp_path / "other")
-    settings = Settings("ScatterFlipIt", corpus=statements)
+    settings = replace(settings, configuration="ScatterFlipIt")
     with pytest.raises(AgentError, match="does not play ScatterFlipIt"):
         train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=1, teacher=teacher)

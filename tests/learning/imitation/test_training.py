@@ -15,7 +15,7 @@ from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.agent import ImitationAgent
-from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
+from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.scene import Scene
@@ -33,22 +33,19 @@ def train(
     return train_imitation(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
 
-def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path):
+def test_training__solves_three_statements_in_seconds(statements, tmp_path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
     assert accuracy(agent, settings) == 1
     assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
 
 
-@pytest.mark.parametrize("name", [pytest.param("TowerScratch", marks=pytest.mark.long), "ScatterFlipIt"])
-def test_resume__continues_interrupted_pretraining(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-):
-    settings = Settings(name, corpus=statements)
+def test_resume__continues_interrupted_pretraining(statements, tmp_path, monkeypatch):
+    settings = Settings("ScatterFlipIt", corpus=statements)
     recipe = small_recipe(settings, pretraining=0.4)
-    learnt: list[float] = []
+    learnt = []
     step = TextPretraining.step
 
-    def interrupted(pretraining: TextPretraining, done: float) -> float:
+    def interrupted(pretraining, done):
         learnt.append(done)
         if len(learnt) == 8:
             signal.raise_signal(signal.SIGINT)
@@ -63,10 +60,10 @@ def test_resume__continues_interrupted_pretraining(
 
 
 @pytest.mark.long
-def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_training__with_random_labels_learns_nothing(statements, tmp_path, monkeypatch):
     add = DataCollector.add
 
-    def shuffled(collector: DataCollector, entry: DatasetEntry, scene: Scene, *, solve: bool) -> int:
+    def shuffled(collector, entry, scene, *, solve):
         known = len(entry.scenes)
         index = add(collector, entry, scene, solve=solve)
         if index == known:  # a label independent of the scene's content
@@ -81,24 +78,20 @@ def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: 
 
 
 @pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
-def test_training__saved_agent_plays_like_the_trained_one(name: str, statements: str, tmp_path: Path):
+def test_training__saved_agent_plays_like_the_trained_one_and_equal_seeds_give_equal_agents(name, statements, tmp_path):
     agent, settings = train(statements, name, tmp_path / "run", updates=4)
     loaded = open_agent(tmp_path / "run", "cpu")
     assert loaded.description == agent.description
     assert evaluate(loaded.policy(settings), settings, "dev") == evaluate(agent.policy(settings), settings, "dev")
+    train(statements, name, tmp_path / "again", updates=4)
+    assert equal(tmp_path / "run", tmp_path / "again")
 
 
-def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path):
-    for place in ("one", "other"):
-        train(statements, "TowerScratch", tmp_path / place, updates=6)
-    assert equal(tmp_path / "one", tmp_path / "other")
-
-
-def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
+def test_resume__continues_a_killed_run(statements, tmp_path):
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe = small_recipe(settings)
 
-    def killed(progress: training.ImitationProgress) -> None:
+    def killed(progress):
         signal.raise_signal(signal.SIGTERM)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -111,13 +104,11 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
-def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(statements, tmp_path, monkeypatch):
     settings = Settings("TowerFlipIt", corpus=statements)
     recipe = small_recipe(settings, pretraining=0.5)
     train_imitation(settings, recipe, tmp_path, updates=4)
-    rates: list[float] = []
+    rates = []
     monkeypatch.setattr(TextPretraining, "step", None)
     monkeypatch.setattr(training, "optimise", lambda *given, **parts: rates.append(given[3]))
     train_imitation(settings, recipe, tmp_path, updates=40, resume=True)
@@ -125,7 +116,7 @@ def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rate
     assert min(rates) >= 0
 
 
-def test_policy__handles_unknown_empty_and_very_long_statements(statements: str, tmp_path: Path):
+def test_policy__handles_unknown_empty_and_very_long_statements(statements, tmp_path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)
     images = np.stack([draw(Scene.empty(), "half")] * 3)
@@ -135,9 +126,7 @@ def test_policy__handles_unknown_empty_and_very_long_statements(statements: str,
 
 
 @pytest.mark.parametrize(("capability", "dtype"), [("AVX512", torch.bfloat16), ("AVX2", torch.float32)])
-def test_precision__is_reduced_only_where_that_is_faster(
-    capability: str, dtype: torch.dtype, monkeypatch: pytest.MonkeyPatch
-):
+def test_precision__is_reduced_only_where_that_is_faster(capability, dtype, monkeypatch):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
     with precision(torch.device("cpu")):
         assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == dtype

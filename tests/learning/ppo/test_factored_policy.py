@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import torch
@@ -29,7 +27,6 @@ EACH = pytest.mark.parametrize(
     [(appearance, make) for appearance in APPEARANCES for make in MAKERS],
     ids=lambda value: getattr(value, "name", getattr(value, "__name__", "")),
 )
-Make = Callable[[Appearance], Factorisation]
 
 
 def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
@@ -43,6 +40,18 @@ def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Te
 
 def entropies_of(policy: FactoredPolicy) -> Tensor:
     return policy.evaluate_actions(torch.zeros(STATES, dtype=torch.int64))[1]
+
+
+def gradients(values: Tensor, *parameters: Tensor) -> tuple[Tensor, ...]:
+    """Of a weighted sum of the states' values."""
+    weights = torch.linspace(-2, 1, len(values), dtype=torch.float64)
+    total = (values * weights).sum()
+    return torch.autograd.grad(total, parameters, retain_graph=True, allow_unused=True, materialize_grads=True)
+
+
+def kinds_of(appearance: Appearance) -> np.ndarray:
+    """The type of each action."""
+    return np.array([appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)])
 
 
 def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
@@ -88,7 +97,7 @@ ENUMERATED = {slot_factorisation: by_slot, joint_factorisation: by_edit}
 
 
 @EACH
-def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance: Appearance, make: Make):
+def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads)
@@ -99,21 +108,12 @@ def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearanc
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
     actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
-    log_probabilities, entropies = policy.evaluate_actions(actions)
-    wanted = every.gather(1, actions[:, None]).squeeze(1).log()
-    torch.testing.assert_close(log_probabilities, wanted)
-    torch.testing.assert_close(policy.log_prob(actions), wanted)
-    positive = every.clamp(min=1e-300)
-    wanted_entropies = -(every * positive.log()).sum(1)
-    torch.testing.assert_close(entropies, wanted_entropies)
-    torch.testing.assert_close(entropies_of(policy), wanted_entropies)
-    weights = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64)
-    for ours, theirs in ((log_probabilities, wanted), (entropies, wanted_entropies)):
-        found = torch.autograd.grad((ours * weights).sum(), [types, *heads], retain_graph=True, allow_unused=True)
-        expected = torch.autograd.grad((theirs * weights).sum(), [types, *heads], retain_graph=True, allow_unused=True)
-        for one, other, parameter in zip(found, expected, [types, *heads], strict=True):
-            zeros = torch.zeros_like(parameter)
-            torch.testing.assert_close(zeros if one is None else one, zeros if other is None else other)
+    log_probabilities = every.gather(1, actions[:, None]).squeeze(1).log()
+    entropies = -(every * every.clamp(min=1e-300).log()).sum(1)
+    torch.testing.assert_close(policy.log_prob(actions), log_probabilities)
+    for found, wanted in zip(policy.evaluate_actions(actions), (log_probabilities, entropies), strict=True):
+        torch.testing.assert_close(found, wanted)
+        torch.testing.assert_close(gradients(found, types, *heads), gradients(wanted, types, *heads))
 
 
 def test_log_prob_and_entropy__match_autograd_over_several_chunks():
@@ -122,18 +122,13 @@ def test_log_prob_and_entropy__match_autograd_over_several_chunks():
     choices = torch.randint(7, (len(logits),), generator=generator)
     logs = logits.log_softmax(1)
     wanted = logs.gather(1, choices[:, None]).squeeze(1), -(logs.exp() * logs).sum(1)
-    found = log_prob_and_entropy(logits, choices)
-    weights = torch.randn(2, len(logits), generator=generator, dtype=torch.float64)
-    for one, other in zip(found, wanted, strict=True):
+    for one, other in zip(log_prob_and_entropy(logits, choices), wanted, strict=True):
         torch.testing.assert_close(one, other)
-    gradients = [
-        torch.autograd.grad((weights[0] * one + weights[1] * other).sum(), logits)[0] for one, other in (found, wanted)
-    ]
-    torch.testing.assert_close(*gradients)
+        torch.testing.assert_close(gradients(one, logits), gradients(other, logits))
 
 
 @EACH
-def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Make):
+def test_mask__renormalises_over_legal_actions(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     every = ENUMERATED[make](appearance, types, heads).detach()
@@ -150,7 +145,7 @@ def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Mak
 
 
 @EACH
-def test_sample__frequencies_match_probabilities(appearance: Appearance, make: Make):
+def test_sample__frequencies_match_probabilities(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     many = 20_000
@@ -159,20 +154,19 @@ def test_sample__frequencies_match_probabilities(appearance: Appearance, make: M
     every = ENUMERATED[make](appearance, types, heads).detach()[0].numpy()
     shares = np.bincount(drawn, minlength=len(every)) / many
     assert shares[every == 0].sum() == 0
-    probable = every > 0.001
-    assert np.abs(shares - every)[probable].max() < 5 * np.sqrt(every.max() / many)
-    kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(len(every))])
+    assert np.abs(shares - every).max() < 5 * np.sqrt(every.max() / many)
+    kinds = kinds_of(appearance)
     for kind in ActionType:
         assert abs(shares[kinds == kind].sum() - every[kinds == kind].sum()) < 0.02
 
 
 @EACH
-def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appearance: Appearance, make: Make):
+def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     chosen = FactoredPolicy(factorisation, types, heads).greedy()
     every = ENUMERATED[make](appearance, types, heads).detach().numpy()
-    kinds = np.array([appearance.to_array(appearance.decode(index))[0] for index in range(every.shape[1])])
+    kinds = kinds_of(appearance)
     for state in range(STATES):
         best = int(types[state].argmax())
         assert chosen[state] == np.where(kinds == best, every[state], 0).argmax()

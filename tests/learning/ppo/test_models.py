@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,7 +40,7 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
+def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name):
     states, images = seen(name, 40)
     scenes, scene_of = states.scenes()
     distinct = scene_images(states, scenes)
@@ -57,7 +56,7 @@ def ours() -> BoxTransformer:
     return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
-def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours: BoxTransformer):
+def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours):
     states, images = seen(count=40)
     first = BoxImageTable()
     with torch.no_grad():
@@ -77,7 +76,11 @@ def _with_gradients(model: BoxTransformer, states: States) -> torch.Tensor:
         return model(states).values.detach()
 
 
-def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTransformer):
+def flat(found: Any) -> list[torch.Tensor]:
+    return [found.types, found.values, *found.heads]
+
+
+def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours):
     states, images = seen(count=6)
     together = ours(states)
     for row in range(6):
@@ -85,27 +88,22 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTrans
         alone = ours(
             table.states(STATEMENTS, states.statement_of[[row]], table.indices(images[[row]]), states.targets[[row]])
         )
-        torch.testing.assert_close(alone.types[0], together.types[row], atol=1e-5, rtol=1e-4)
-        torch.testing.assert_close(alone.heads[0][0], together.heads[0][row], atol=1e-5, rtol=1e-4)
-        torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
+        for one, all_of_it in zip(flat(alone), flat(together), strict=True):
+            torch.testing.assert_close(one[0], all_of_it[row], atol=1e-5, rtol=1e-4)
 
 
-def test_ours__every_parameter_has_a_gradient():
-    for appearance, separators in ((Tower(), False), (Scatter(), False), (Scatter(), True)):
-        torch.manual_seed(0)
-        model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
-        states, _ = seen("TowerFlipIt" if appearance.name == "tower" else "ScatterFlipIt")
-        found = model(states)
-        total = sum((head * torch.randn_like(head)).sum() for head in (found.types, *found.heads))
-        (total + found.values.sum()).backward()
-        lacking = [name for name, weight in model.named_parameters() if weight.grad is None]
-        assert lacking == []
+@pytest.mark.parametrize(("appearance", "separators"), [(Tower(), False), (Scatter(), False), (Scatter(), True)])
+def test_ours__every_parameter_has_a_gradient(appearance, separators):
+    model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
+    found = model(seen(f"{appearance.name.title()}FlipIt")[0])
+    sum(part.square().sum() for part in flat(found)).backward()
+    assert [name for name, weight in model.named_parameters() if weight.grad is None] == []
 
 
-def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
+def test_ours__depends_on_statement_target_and_every_box(ours):
     states, _ = seen()
 
-    def types(changed: States) -> torch.Tensor:
+    def types(changed):
         return ours(changed).types[0].detach()
 
     before = types(states)
@@ -117,26 +115,19 @@ def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
 
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
-def test_critic__shares_weights_only_if_shared(critic: str):
-    recipe = PPORecipe.of("TowerFlipIt", critic=critic)
-    model = make_model(recipe, Tower(), statements=STATEMENTS)
+def test_critic__shares_weights_only_if_shared(critic):
+    model = make_model(PPORecipe.of("TowerFlipIt", critic=critic), Tower(), statements=STATEMENTS)
     model(seen()[0]).values.sum().backward()
-    touched = {name for name, weight in model.named_parameters() if weight.grad is not None}
-    if critic == "separate":
-        assert touched
-        assert all(name.startswith("critic.") for name in touched)
-    else:
-        assert any(name.startswith("text.") for name in touched)
+    touched = {name.partition(".")[0] for name, weight in model.named_parameters() if weight.grad is not None}
+    assert (touched == {"critic"}) == (critic == "separate")
 
 
 # Pretrained
 
 
 @pytest.mark.parametrize(("layers", "configuration"), [(C3, "TowerFlipIt"), (C10, "ScatterFlipIt")])
-def test_windows__give_the_features_and_gradients_of_whole_images(
-    layers: Callable[[], Any], configuration: str, monkeypatch: pytest.MonkeyPatch
-):
-    encoder: Any = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
+def test_windows__give_the_features_and_gradients_of_whole_images(layers, configuration, monkeypatch):
+    encoder = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
     torch.manual_seed(0)
     appearance = Tower() if configuration == "TowerFlipIt" else Scatter()
     model = ConvolutionsAndBert(encoder, layers, appearance, has_actor=False, has_critic=True)
@@ -144,7 +135,7 @@ def test_windows__give_the_features_and_gradients_of_whole_images(
         monkeypatch.setattr("lilgym_mp.learning.ppo.pretrained.MOST_SCENES", most_scenes)
         states, _ = seen(configuration, count)
         assert (len(model.inputs(states)[0]) > 1) == (count > 3)
-        found: list[list[torch.Tensor]] = []
+        found = []
         for inputs in (model.inputs(states), model.fixed_inputs(states)):
             model.zero_grad()
             values = model(inputs).values
@@ -175,7 +166,7 @@ def write_tokenizer(place: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def tiny(tmp_path_factory) -> dict[str, Path]:
     """Weight directories of tiny random networks, by architecture."""
     transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
     torch.manual_seed(0)
@@ -195,7 +186,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             )
         ),
     }
-    places: dict[str, Path] = {}
+    places = {}
     for name, network in networks.items():
         places[name] = tmp_path_factory.mktemp("weights") / name
         network.save_pretrained(places[name])
@@ -203,19 +194,17 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return places
 
 
-ARCHITECTURE = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
 SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
 SHORT |= {"held_out": 0.0, "patience": 0}
 
 
-@pytest.mark.parametrize("critic", ["separate", "shared"])
-@pytest.mark.parametrize("model", sorted(ARCHITECTURE))
-def test_pretrained__trained_agent_is_saved_and_reloaded(
-    tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
-):
+@pytest.mark.parametrize(
+    ("model", "critic"), [("c3-bert", "separate"), ("c10-bert", "shared"), ("vilt", "shared"), ("flava", "separate")]
+)
+def test_pretrained__trained_agent_is_saved_and_reloaded(tmp_path, own, tiny, model, critic):
     settings = Settings("TowerFlipIt", corpus=own, horizon=3)
     recipe = PPORecipe.of("TowerFlipIt", "paper", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
-    weights = tiny[ARCHITECTURE[model]]
+    weights = tiny[model if model in tiny else "bert"]
     agent = train_ppo(settings, recipe, tmp_path, steps=8, weights=weights, device="cpu")
     assert agent.description.supervision.endswith("no mask of legal actions; pretrained weights")
     again = open_agent(tmp_path, "cpu")
@@ -225,11 +214,9 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
 
 
 @pytest.mark.parametrize("capability", ["AVX2", "AVX512"])
-def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(
-    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capability: str
-):
+def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(tmp_path, own, tiny, monkeypatch, capability):
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
-    weights: list[torch.Tensor] = []
+    weights = []
     for reduced in (False, True):
         recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", reduced_precision=reduced, **SHORT)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(reduced)
@@ -239,9 +226,7 @@ def test_pretrained__is_trained_in_bfloat16_on_cpus_with_avx512(
 
 
 @pytest.mark.parametrize(("name", "millions"), [("c3-bert", 2.59), ("c10-bert", 3.05)])
-def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(
-    tiny: dict[str, Path], name: str, millions: float
-):
+def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(tiny, name, millions):
     recipe = PPORecipe.of("TowerScratch", "release", model=name)
     model = make_model(recipe, Tower(), weights=tiny["bert"])
     width, full = 16, 768
@@ -251,14 +236,14 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
     assert not any("encoder" in name for name in model.state_dict())
 
 
-def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
+def test_frozen_bert__averages_layers_and_word_pieces(tiny):
     from transformers import BertModel
 
     from lilgym_mp.learning.ppo.pretrained import FrozenBert
 
     encoder = FrozenBert(tiny["bert"])
     found = encoder.vectors(["There is a block.", "blue"], torch.device("cpu"))
-    network: Any = BertModel.from_pretrained(tiny["bert"]).eval()
+    network = BertModel.from_pretrained(tiny["bert"]).eval()
     numbers = [VOCABULARY.index(word) for word in ("[CLS]", "blue", "[SEP]")]
     with torch.no_grad():
         layers = network(torch.tensor([numbers]), output_hidden_states=True).hidden_states
@@ -267,7 +252,7 @@ def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     assert not found.requires_grad
 
 
-def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[str, Path]):
+def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny):
     recipe = PPORecipe.of("TowerScratch", "release", model="vilt")
     model = make_model(recipe, make_appearance("tower"), weights=tiny["vilt"]).eval()
     states, _ = seen(count=2)
@@ -275,7 +260,7 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
     with torch.no_grad():
         assert not torch.allclose(found.types, model(states._replace(targets=1 - states.targets)).types)
     found.types.square().sum().backward()
-    embeddings = model.get_submodule("actor.transformer.network").get_input_embeddings().weight  # pyright: ignore
+    embeddings = model.get_submodule("actor.transformer.network").get_input_embeddings().weight
     assert embeddings.grad[len(VOCABULARY)].abs().sum() > 0
 
 
@@ -285,8 +270,6 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
         ("none", "needs pretrained weights: name a directory with --weights, of the architecture bert"),
         ("nowhere", "not a directory of weights: it does not exist"),
         ("other", r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert"),
-        ("no config", r"config\.json: cannot be read"),
-        ("no object", r"config\.json: cannot be read"),
         ("bad config", r"config\.json: cannot be read"),
         ("pickle", r"cannot be loaded: .*model\.safetensors"),
         ("no tokenizer", "cannot be loaded"),
@@ -294,19 +277,13 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
         ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
     ],
 )
-def test_weights__unusable_directories_are_rejected_with_the_reason(
-    tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str
-):
+def test_weights__unusable_directories_are_rejected_with_the_reason(tmp_path, tiny, damage, fault):
     from safetensors.torch import save_file
 
     place = tmp_path / "weights"
     shutil.copytree(tiny["vilt" if damage == "other" else "bert"], place)
     tensors, config = place / "model.safetensors", place / "config.json"
-    if damage == "no config":
-        config.unlink()
-    elif damage == "no object":
-        config.write_text("[]")
-    elif damage == "bad config":
+    if damage == "bad config":
         config.write_text("{")
     elif damage == "pickle":
         tensors.rename(place / "pytorch_model.bin")
@@ -322,7 +299,7 @@ def test_weights__unusable_directories_are_rejected_with_the_reason(
         make_model(PPORecipe.of("TowerScratch", "paper", model="c3-bert"), Tower(), weights=named)
 
 
-def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, tiny: dict[str, Path]):
+def test_weights__changed_since_training_are_rejected(tmp_path, own, tiny):
     place = tmp_path / "weights"
     shutil.copytree(tiny["bert"], place)
     recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", **SHORT)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
 
 import pytest
 
@@ -19,7 +18,7 @@ def test_recipes__support_every_model_and_configuration():
 
 
 @pytest.mark.parametrize("name", ["paper", "release"])
-def test_recipe__named_ones_set_every_relevant_value(name: str):
+def test_recipe__named_ones_set_every_relevant_value(name):
     chosen = {"seed", "model", "stop_forcing", "nlvr_reward", "microbatch", "reduced_precision"}
     assert set(PPORecipe.names()) - RECIPES[name]("TowerScratch", "c3-bert").keys() == chosen
 
@@ -33,7 +32,7 @@ def test_recipe__named_ones_set_every_relevant_value(name: str):
         ("ScatterScratch", "vilt", {"learning_rate": 3e-5, "optimiser": "adamw", "schedule": "cosine", "warmup": 0.01}),
     ],
 )
-def test_paper__has_the_values_of_its_table(configuration: str, model: str, wanted: dict[str, Any]):
+def test_paper__has_the_values_of_its_table(configuration, model, wanted):
     recipe = PPORecipe.of(configuration, "paper", model=model)
     assert {name: getattr(recipe, name) for name in wanted} == wanted
     assert (recipe.rollout, recipe.batch_size, recipe.critic, recipe.sampled) == (2048, 64, "separate", True)
@@ -53,7 +52,7 @@ def test_paper__has_the_values_of_its_table(configuration: str, model: str, want
         ({"nlvr_reward": True}, "nlvr-reward and recolour exclude each other"),
     ],
 )
-def test_recipe__rejects_invalid_values(settings: dict[str, Any], fault: str):
+def test_recipe__rejects_invalid_values(settings, fault):
     with pytest.raises(ValueError, match=fault):
         PPORecipe(**settings)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tests.scripts import load_script
 
@@ -14,7 +13,7 @@ def rows_of(text: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line]
 
 
-def test_audit__tells_calibration_and_soundness_of_each_verifier(capsys: pytest.CaptureFixture[str]):
+def test_audit__tells_calibration_and_soundness_of_each_verifier(capsys):
     right = np.array([[True, True, False, False], [True, False, True, True]])
     judged = np.array([[[0.9, 0.8, 0.8, 0.3], [0.9, 0.2, 0.1, 0.6]], [[0.2, 0.7, 0.9, 0.9], [0.6, 0.95, 0.6, 0.8]]])
     targets = np.array([True, True, False, False])

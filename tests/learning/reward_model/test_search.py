@@ -42,7 +42,7 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Se
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
 @given(data=st.data())
-def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: str, data: st.DataObject):
+def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance, data):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
     task = tasks[data.draw(st.integers(0, len(tasks) - 1))]
     steps = data.draw(st.sampled_from([0, 5, 9, 10, 11]))
@@ -63,11 +63,9 @@ def test_plans__are_as_short_as_the_best_and_nearly_as_sure():
     best, *others = planner.plans(task.start, task.statement, task.target, most=20)
     assert best == planner.plan(task.start, task.statement, task.target)
     assert others
-    for plan in others:
-        assert len(plan.actions) == len(best.actions)
-        assert (
-            best.success_probability - planner.recipe.edit_cost <= plan.success_probability <= best.success_probability
-        )
+    assert {len(plan.actions) for plan in others} == {len(best.actions)}
+    least = best.success_probability - planner.recipe.edit_cost
+    assert all(least <= plan.success_probability <= best.success_probability for plan in others)
 
 
 def test_distances_of_boxes__are_those_of_single_edits():
@@ -86,7 +84,7 @@ def exchanged_scene(exchange: Exchange, scene: Scene) -> Scene:
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str):
+def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance):
     scenes = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:20]]
     for exchange in exchanges(appearance)[::7]:
         table = BoxTable(appearance)
@@ -101,7 +99,7 @@ def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str)
 
 
 def test_statements__are_read_in_a_standard_order():
-    def read(words: str, appearance: str) -> set[str]:
+    def read(words, appearance):
         kinds = [exchanges(appearance)[index].words() for index in standard_exchanges(words.split(), appearance)]
         return {" ".join(kind.get(word, word) for word in words.split()) for kind in kinds}
 
@@ -113,7 +111,7 @@ def test_statements__are_read_in_a_standard_order():
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_network__ignores_the_order_of_boxes(appearance: str):
+def test_network__ignores_the_order_of_boxes(appearance):
     planner = new_planner(appearance)
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:9]]
     one, two, three = (planner.reader.table.of(start)[0] for start in starts[::4])

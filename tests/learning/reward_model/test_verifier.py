@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import pytest
 
@@ -27,8 +26,8 @@ class SureModel:
 
 @pytest.mark.parametrize("intent", list(Intent))
 @pytest.mark.parametrize("probability", [0.6, 0.97])
-def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probability: float):
-    model: Any = SureModel(probability)
+def test_verifier__accepts_the_claims_it_finds_probable(intent, probability):
+    model = SureModel(probability)
     env = BaseGameEnv("TowerFlipIt", protocol="audit", split="dev")
     tasks = env.tasks.ids[:60]
     measured = measure(env, ClaimingProposer(intent), partial(RewardModelAgent.answer, model), tasks=tasks, seed=0)

@@ -1,0 +1,30 @@
+"""Commands of tests, written as one types them."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from lilgym_mp.cli import USAGE_ERROR, main
+
+
+def lilgym(command: str, *more: object) -> int:
+    """Runs `lilgym-mp` in this process with the words of `command`, then `more`; returns the exit code."""
+    return main([*shlex.split(command), *map(str, more)])
+
+
+def succeeds(command: str, *more: object) -> None:
+    """Runs a command that must succeed."""
+    assert lilgym(command, *more) == 0
+
+
+def output_of(capsys: Any, command: str, *more: object) -> str:
+    """What a command that must succeed prints."""
+    succeeds(command, *more)
+    return capsys.readouterr().out
+
+
+def error_of(capsys: Any, command: str, *more: object) -> str:
+    """What a command that must be refused as wrongly used prints on the standard error stream."""
+    assert lilgym(command, *more) == USAGE_ERROR
+    return capsys.readouterr().err
