@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -60,6 +59,7 @@ from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner
 from lilgym_mp.scene.choices import choose, listed
+from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
@@ -213,10 +213,8 @@ def unsolved_lines(results: Sequence[Result]) -> Iterator[str]:
 
         dynamics = settings.dynamics()
         solver = Solver(dynamics)
-        reasons = defaultdict[str, list[str]](list)
-        for name in dict.fromkeys(failed):
-            solution = solver.solve(tasks.by_id(name))
-            reasons[solution.reason or str(solution.status)].append(name)
+        solutions = ((solver.solve(tasks.by_id(name)), name) for name in dict.fromkeys(failed))
+        reasons = grouped((solution.reason or str(solution.status), name) for solution, name in solutions)
         for reason, names in reasons.items():
             shown = listed(names[:SHOWN_TASKS])
             yield f"expert, {settings.configuration}: {len(names)} tasks failed: {reason} ({shown})"

@@ -228,7 +228,7 @@ def _pairs(
     (own,) = models
     best = BEST_GUIDED if "guide" in scripted["verifier"] else BEST
     seats = [seat for seat in SEATS if args.role in (None, BOTH, seat)]
-    others = [] if len(seats) == len(SEATS) else [seat for seat in SEATS if seat not in seats]
+    others = [seat for seat in SEATS if seat not in seats]
     named = args.partner or [name for seat in others for name in best[seat]]
     for name in named:
         if not any(name in known for known in scripted.values()):

@@ -108,14 +108,11 @@ def _summary_writer() -> Any:
 
 def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
     """TensorBoard's writer; of a resumed run, it discards what was written after the checkpoint."""
-    step = None if resumed_unit is None else _next_step(directory, resumed_unit)
+    step = None
+    if resumed_unit is not None:
+        kept = read_lines(directory / PROGRESS_FILE)[:-1]  # without the line that is being reported
+        step = kept[-1][resumed_unit] + 1 if kept else 0
     return writer(directory / "tensorboard", purge_step=step)
-
-
-def _next_step(directory: Path, unit: str) -> int:
-    """The first step that a resumed run has not reported; progress.jsonl also has the line that is being reported."""
-    kept = read_lines(directory / PROGRESS_FILE)[:-1]
-    return kept[-1][unit] + 1 if kept else 0
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:

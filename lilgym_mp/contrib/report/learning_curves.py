@@ -12,6 +12,7 @@ from lilgym_mp.contrib.report.charts import Line, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, shown_setting
 from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.scene.grouping import grouped
 
 ITEM = "Figure 4"
 TITLE = "Accuracy on dev while training"
@@ -46,7 +47,8 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     has_nlvr = any(curve.recipe.get(REWARD_KEY) for curve in evaluated)
     for configuration, of_panel in shown.items():
         drawn: list[Line] = []
-        for name, runs in _group_by_recipe(of_panel, keys, names_reward=has_nlvr).items():
+        by_name = grouped((_name(curve, keys, names_reward=has_nlvr), curve) for curve in of_panel)
+        for name, runs in by_name.items():
             for suffix, key in _metrics(runs):
                 line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key)
                 drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
@@ -68,18 +70,14 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     yield table(ITEM, f"{TITLE}, at the end", columns, rows)
 
 
-def _group_by_recipe(
-    curves: Sequence[TrainingCurve], keys: Sequence[str], *, names_reward: bool
-) -> dict[str, list[TrainingCurve]]:
-    """The runs by name: the learner, as in the paper, these settings and the reward."""
-    groups: dict[str, list[TrainingCurve]] = {}
-    for curve in curves:
-        learner = {"ppo": "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"}.get(curve.learner, curve.learner)
-        parts = [learner, *(f"{key} {shown_setting(curve.recipe.get(key))}" for key in keys)]
-        if names_reward:
-            parts.append("NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward")
-        groups.setdefault(", ".join(parts), []).append(curve)
-    return groups
+def _name(curve: TrainingCurve, keys: Sequence[str], *, names_reward: bool) -> str:
+    """The learner of a run, as in the paper, these settings and the reward."""
+    recipe = curve.recipe
+    learner = {"ppo": "PPO+SF" if recipe.get("stop_forcing") else "PPO"}.get(curve.learner, curve.learner)
+    parts = [learner, *(f"{key} {shown_setting(recipe.get(key))}" for key in keys)]
+    if names_reward:
+        parts.append("NLVR reward" if recipe.get(REWARD_KEY) else "program reward")
+    return ", ".join(parts)
 
 
 def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
