@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import torch
 from agilerl.algorithms.dqn import DQN  # pyright: ignore[reportMissingImports]
 from agilerl.components.data import Transition  # pyright: ignore[reportMissingImports]
@@ -32,8 +33,8 @@ def main() -> None:
     for _ in range(args.steps // COUNT):
         actions = trained.get_action(seen, epsilon=0.1, action_mask=action_masks(envs))
         after, rewards, ended, cut, _ = envs.step(actions)
-        step = Transition(obs=seen, action=actions, reward=rewards, next_obs=after, done=ended | cut)
-        step = step.to_tensordict()
+        done = (ended | cut).astype(np.float32)
+        step = Transition(obs=seen, action=actions, reward=rewards, next_obs=after, done=done).to_tensordict()
         step.batch_size = [COUNT]
         buffer.add(step)
         seen = after  # where an episode ended, another's first, which its "done" keeps out of the target
