@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import torch
 from agilerl.algorithms.dqn import DQN  # pyright: ignore[reportMissingImports]
 from agilerl.components.data import Transition  # pyright: ignore[reportMissingImports]
@@ -15,7 +16,11 @@ from lilgym_mp import action_masks
 
 LIBRARY = "AgileRL"
 CELLS = {
-    "batch": ("used by DQN, as `action_mask` of `get_action`", "`evaluate_wrapped`", "Gymnasium's `NormalizeReward`")
+    "batch": (
+        "used by DQN, as 0 and 1 in `action_mask` of `get_action`",
+        "`evaluate_wrapped`",
+        "Gymnasium's `NormalizeReward`",
+    )
 }
 
 COUNT = 8
@@ -30,10 +35,10 @@ def main() -> None:
     buffer = ReplayBuffer(max_size=10_000)
     seen, _ = envs.reset(seed=0)
     for _ in range(args.steps // COUNT):
-        actions = trained.get_action(seen, epsilon=0.1, action_mask=action_masks(envs))
+        actions = trained.get_action(seen, epsilon=0.1, action_mask=action_masks(envs).astype(int))
         after, rewards, ended, cut, _ = envs.step(actions)
-        step = Transition(obs=seen, action=actions, reward=rewards, next_obs=after, done=ended | cut)
-        step = step.to_tensordict()
+        done = (ended | cut).astype(np.float32)
+        step = Transition(obs=seen, action=actions, reward=rewards, next_obs=after, done=done).to_tensordict()
         step.batch_size = [COUNT]
         buffer.add(step)
         seen = after  # where an episode ended, another's first, which its "done" keeps out of the target
@@ -44,7 +49,7 @@ def main() -> None:
 
     def greedy(agent: Any) -> Any:
         agent.set_training_mode(False)
-        return lambda seen, legal: agent.get_action(seen, action_mask=legal)
+        return lambda seen, legal: agent.get_action(seen, action_mask=legal.astype(int))
 
     finish(args.kind, greedy(trained), greedy(loaded), wrap=flat)
 

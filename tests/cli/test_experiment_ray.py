@@ -89,7 +89,7 @@ def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
     from ray.cluster_utils import Cluster
 
     few = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
-    (tmp_path / "own.toml").write_text(TEXT.replace("steps = 64\n", f"steps = 2048\n{few}"))
+    (tmp_path / "own.toml").write_text(TEXT.replace("steps = 64\n", f"steps = 256\n{few}"))
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     lost = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
