@@ -18,10 +18,8 @@ from PIL import Image, ImageDraw, ImageFont
 from lilgym_mp.contrib.llm.game_text import message_name
 from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.evaluation.episodes import outcome_words
 from lilgym_mp.evaluation.film import (
     BORDER,
-    FAILURE_RGB,
     FONT_PIXELS,
     INK_RGB,
     LINE_HEIGHT,
@@ -41,7 +39,7 @@ from lilgym_mp.scene.render.frames import smooth_picture
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "game_guide.gif"
 HEAD_LINES = FOOT_LINES = 3
-EXCHANGES = range(4, 10)  # of the game that is shown, which also has a refusal
+EXCHANGES = range(3, 10)  # of the game that is shown: of those with a refusal and a success, the most direct one
 
 
 class Exchange(NamedTuple):
@@ -75,19 +73,22 @@ def play(env: BaseGameEnv, players: tuple[Partner, Partner], task: str) -> tuple
     return found, str(games.last_outcome(0))
 
 
-def is_shown(exchanges: Sequence[Exchange], outcome: str, task: Task) -> bool:
-    """Whether a game is short, succeeds as soon as the goal is reached, and has a refusal."""
-    if any(task.solved_by(each.scene) for each in exchanges[:-1]):
-        return False
+def is_shown(exchanges: Sequence[Exchange], outcome: str) -> bool:
+    """Whether a game is short, succeeds, and has a refusal."""
     return outcome == "success" and len(exchanges) in EXCHANGES and any(each.answer == "reject" for each in exchanges)
 
 
-def frames(exchanges: Sequence[Exchange], statement: str, outcome: str) -> Iterator[UInt8Array]:
-    """A picture of each exchange; the last one has the outcome."""
+def needless(exchanges: Sequence[Exchange], task: Task) -> int:
+    """How many exchanges begin in a scene in which the goal was reached, besides the last."""
+    return sum(task.solved_by(each.scene) for each in exchanges[:-1])
+
+
+def frames(exchanges: Sequence[Exchange], statement: str) -> Iterator[UInt8Array]:
+    """A picture of each exchange of a game that succeeds."""
     for each in exchanges:
         rgb, end = PENDING_RGB, ""
         if each is exchanges[-1]:
-            rgb, end = SUCCESS_RGB if outcome == "success" else FAILURE_RGB, f"The game ends: {outcome_words(outcome)}."
+            rgb, end = SUCCESS_RGB, "The game ends: success."
         builder = ["The builder sees only the scene", f"and has heard: {each.heard}"]
         guide = ["The guide also sees:", f'"{statement}" (make it true)']
         answer = [f"It {each.answer}s, and says: {each.said}", end]
@@ -129,13 +130,13 @@ def main() -> None:
     if players[0] is None or players[1] is None:
         parser.error("BUILDER must have a trained proposer, GUIDE a trained verifier")
     env = BaseGameEnv(**vars(settings))
-    for task in env.tasks:
-        exchanges, outcome = play(env, (players[0], players[1]), task.id)
-        if is_shown(exchanges, outcome, task):
-            save_gif(args.out, frames(exchanges, task.statement, outcome))
-            print(f"{args.out}: task {task.id}")
-            return
-    raise SystemExit("no game of builtin dev is short, with a refusal and a success")
+    games = ((task, *play(env, (players[0], players[1]), task.id)) for task in env.tasks)
+    shown = [(task, exchanges) for task, exchanges, outcome in games if is_shown(exchanges, outcome)]
+    if not shown:
+        raise SystemExit("no game of builtin dev is short, with a refusal and a success")
+    task, exchanges = min(shown, key=lambda game: (needless(game[1], game[0]), len(game[1])))
+    save_gif(args.out, frames(exchanges, task.statement))
+    print(f"{args.out}: task {task.id}")
 
 
 if __name__ == "__main__":

@@ -128,14 +128,14 @@ if __name__ == "__main__":
 USES = {
     "SB3's SubprocVecEnv": """
     from stable_baselines3.common.vec_env import SubprocVecEnv
-    env = SubprocVecEnv([make, make], start_method="spawn")
+    env = SubprocVecEnv([make], start_method="spawn")
     env.reset()
-    print(env.step([0, 0])[2].tolist())
+    print(env.step([0])[2].tolist())
     env.close()""",
     "Gymnasium's AsyncVectorEnv": """
-    env = gym.vector.AsyncVectorEnv([make, make], context="spawn")
+    env = gym.vector.AsyncVectorEnv([make], context="spawn")
     env.reset(seed=0)
-    print(env.step([0, 0])[2].tolist())
+    print(env.step([0])[2].tolist())
     env.close()""",
     "Ray": """
     import ray
@@ -145,7 +145,7 @@ USES = {
     def play():
         env = make()
         env.reset(seed=0)
-        return [env.step(0)[2]] * 2
+        return [env.step(0)[2]]
 
     print(ray.get(play.remote()))
     ray.shutdown()""",
@@ -153,10 +153,12 @@ USES = {
 NEEDED = {"SB3's SubprocVecEnv": "stable_baselines3", "Ray": "ray"}
 
 
-@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize(
+    "use", ["Gymnasium's AsyncVectorEnv", *(pytest.param(use, marks=pytest.mark.long) for use in NEEDED)]
+)
 def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use, tmp_path):
     pytest.importorskip(NEEDED.get(use, "gymnasium"), reason=f"needs the package {NEEDED.get(use)}")
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(use=USES[use].strip()))
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.stdout.splitlines()[-1:] == ["[True, True]"], done.stderr
+    assert done.stdout.splitlines()[-1:] == ["[True]"], done.stderr

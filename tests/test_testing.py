@@ -54,7 +54,7 @@ def test_batch__of_official_tasks(official_data):
 @pytest.mark.parametrize(
     ("id", "num_envs", "settings", "modes"),
     [
-        (SCATTER_FLIPIT, 18, {"num_workers": 2, "start_method": "fork"}, AutoresetMode),  # compiled in each process
+        (SCATTER_FLIPIT, 16, {"num_workers": 2, "start_method": "fork"}, AutoresetMode),  # compiled in each process
         (TOWER, 7, {"num_workers": 3, "start_method": "fork", "rules": "release"}, [AutoresetMode.NEXT_STEP]),
         (TOWER, 4, {"num_workers": 1}, [AutoresetMode.DISABLED]),
         *(
@@ -66,7 +66,7 @@ def test_batch__of_official_tasks(official_data):
 )
 def test_workers(id, num_envs, settings, modes):
     rules = settings.get("rules", "paper")
-    check = partial(testing.check_vector_env, num_envs=num_envs, modes=tuple(modes), steps=12)
+    check = partial(testing.check_vector_env, num_envs=num_envs, modes=tuple(modes), steps=8)
     check(partial(WorkerVectorEnv, id, **{"num_workers": 2, **settings}), lambda: gym.make(id, rules=rules))
 
 

@@ -10,7 +10,7 @@ from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID, Scatter, make_appearance
 from tests.stress.mask_exactness import scenes_of, wrong_actions
 
-SCENES = 100
+SCENES = 60
 BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 
 

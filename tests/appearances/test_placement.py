@@ -69,7 +69,7 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
 
 
 @pytest.mark.parametrize(
-    "older_footprint", [pytest.param(each, marks=() if each % 4 == 0 else pytest.mark.long) for each in FOOTPRINTS]
+    "older_footprint", [pytest.param(each, marks=() if each % 8 == 0 else pytest.mark.long) for each in FOOTPRINTS]
 )
 def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint):
     x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it

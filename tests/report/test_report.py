@@ -422,6 +422,7 @@ def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(tmp_path)
     write_example(tmp_path)
     games = written_games(tmp_path / "games.json", ("runs/a", "runs/a", 0.5, ""), ("random", "random", 0.0, ""))
     (made,), (without,) = (table_2(load_report_data(paths)) for paths in ([tmp_path, games], [tmp_path]))
+    assert isinstance(made, Table)
     (shown,) = (cells for cells in made.texts() if cells[0].endswith("‡"))
     assert shown[0] == "runs/a ‡"
     assert "50 [40, 60]" in shown

@@ -56,6 +56,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_public_names__are_sent_to_spawned_processes_by_cloudpickle(tmp_path):
     for needed in ("cloudpickle", "stable_baselines3", "pettingzoo"):
         pytest.importorskip(needed, reason=f"needs the package {needed}")
