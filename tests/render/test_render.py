@@ -27,6 +27,7 @@ from tests.scenes import (
     scene_of,
     square,
     triangle,
+    unchecked_boxes,
 )
 
 YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
@@ -117,23 +118,10 @@ def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown):
 
 @st.composite
 def scenes_in_a_row(draw):
-    """A sequence of scenes in which each adds or removes an item, replaces a box, or is unrelated."""
-    found = [draw(UNCHECKED_SCENES)]
-    for _ in range(draw(st.integers(1, 6))):
-        last, index = found[-1], draw(st.integers(0, 2))
-        box = last.boxes[index]
-        match draw(st.sampled_from(["add", "remove", "box", "scene", "same"])):
-            case "add":
-                found.append(last.with_box(index, box.with_item(draw(items(overhang=35)))))
-            case "remove" if box.items:
-                found.append(last.with_box(index, box.without(draw(st.integers(0, len(box.items) - 1)))))
-            case "box":
-                found.append(last.with_box(index, Box(tuple(draw(st.lists(items(overhang=35), max_size=4))))))
-            case "same":
-                found.append(Scene(last.boxes))
-            case _:
-                found.append(draw(UNCHECKED_SCENES))
-    return found
+    """A sequence of scenes with boxes in common, and others with an item more or less."""
+    drawn = draw(st.lists(unchecked_boxes, min_size=1, max_size=3))
+    boxes = [Box(), *drawn, *(box.without(index) for box in drawn for index in range(len(box.items)))]
+    return draw(st.lists(st.tuples(*[st.sampled_from(boxes)] * 3).map(Scene), min_size=2, max_size=7))
 
 
 @IMAGE_SIZES
