@@ -67,7 +67,7 @@ class Chat:
         self.server.server_close()
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
         lines = [text for file in folder.rglob("traces.jsonl") for text in file.read_text().splitlines()]
-        return done.stdout, [json.loads(text) for text in lines]
+        return done.stdout, [trace for text in lines for trace in json.loads(text)["traces"]]
 
 
 def text_of(content: Any) -> str:

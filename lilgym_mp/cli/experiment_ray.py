@@ -38,8 +38,8 @@ def execute_on_ray(
         raise CommandError(f"--ray needs Ray: {install('ray')}") from None
     try:
         ray.init(address=address or None, log_to_driver=False)
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise CommandError(f"--ray {address}: {error}") from None
+    except Exception as error:  # for a node that starts too slowly, a plain Exception
+        raise CommandError(f"--ray {address or 'on this machine'}: {error}") from None
     task = ray.remote(num_cpus=threads, max_retries=3)(_run)
     place = ["experiment", str(file.absolute()), "--out", str(results.absolute()), *more]
     pending: Mapping[Any, str] = {task.remote([*place, "--only", name], threads): name for name in names}

@@ -82,6 +82,24 @@ def test_ray__missing_is_one_line_that_names_the_extra(tmp_path, monkeypatch, ca
     assert 'needs Ray: pip install "' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("address", "shown"), [([], "on this machine"), (["10.0.0.1:6379"], "10.0.0.1:6379")])
+def test_ray__that_cannot_start_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    address: list[str],
+    shown: str,
+) -> None:
+    def init(**_: object) -> None:
+        raise Exception("The current node timed out during startup.")
+
+    (tmp_path / "own.toml").write_text(TEXT)
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init))
+    command = ["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray", *address]
+    assert main(command) == 2
+    assert f"--ray {shown}: The current node timed out during startup." in capsys.readouterr().err
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of Ray
 def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
