@@ -156,8 +156,8 @@ class TaskReader:
             start = checked(faults, where, self._scene, record.scene)
             if program is not None and start is not None:
                 label = checked(faults, where, self._agreed, program, start, label)
-        is_read = record.is_valid and is_known and start is not None and label is not None
-        if is_read and name and statement and source is not None:
+        is_valid = record.is_valid and is_known
+        if is_valid and name and statement and source is not None and start is not None and label is not None:
             return Task(name, intern(statement), intern(source), not label, start, tags=record.tags)
         return None
 
