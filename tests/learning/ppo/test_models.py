@@ -134,11 +134,13 @@ def test_windows__give_the_features_and_gradients_of_whole_images(layers, config
     for most_scenes, count in ((9_999, 3), (9_999, 20), (9_999, 40), (0, 30)):  # whole images; a growing, a new table
         monkeypatch.setattr("lilgym_mp.learning.ppo.pretrained.MOST_SCENES", most_scenes)
         states, _ = seen(configuration, count)
-        assert (len(model.inputs(states)[0]) > 1) == (count > 3)
+        windows, *others = model.inputs(states)
+        assert (len(windows) > 1) == (count > 3)
+        images = [torch.from_numpy(scene_images(states, states.scenes()[0]))]
         found = []
-        for inputs in (model.inputs(states), model.fixed_inputs(states)):
+        for shown in (windows, images):
             model.zero_grad()
-            values = model(inputs).values
+            values = model((shown, *others)).values
             (values * torch.arange(count)).sum().backward()
             found.append(
                 [values.detach(), *(p.grad.clone() for p in model.convolutions.parameters() if p.grad is not None)]
