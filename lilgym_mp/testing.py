@@ -9,27 +9,27 @@
 
 Each check plays random episodes and raises AssertionError naming what is wrong. The contract: environment i of a batch
 seeded with s plays what a single environment seeded with s + i plays, whichever processes step it and whichever
-autoreset mode resets it: the same observations, masks, rewards, flags and infos.
+autoreset mode resets it: the same observations, masks, rewards, flags and infos, in the form of Gymnasium's
+`SyncVectorEnv` or of Stable-Baselines3's `DummyVecEnv`.
 """
 
 from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils import env_checker
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array
 
-from lilgym_mp.envs.masks import action_masks, attribute
+from lilgym_mp.envs.masks import attribute
 from lilgym_mp.envs.observation import row_of
 
 if TYPE_CHECKING:
@@ -38,28 +38,12 @@ if TYPE_CHECKING:
 # Of actions: STOP, and any at all; the others are legal
 STOP_SHARE = 0.1
 ANY_SHARE = 0.1
-SB3_INFOS = {"terminal_observation", "TimeLimit.truncated", "episode"}  # entries that SB3 adds
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
+READ = ("action_masks", "goal_reached")  # methods that are compared, too, before each step
+STEP_RESULTS = ("observations", "rewards", "terminated", "truncated", "infos")
 
 SingleEnv = gym.Env[Any, Any]
-
-
-class Event(NamedTuple):
-    """The results of one environment's reset (`action` is None) or step. In the game, values by agent."""
-
-    observation: Any
-    info: Any  # None where a batch does not report it
-    reward: Any = 0.0
-    terminated: Any = False
-    truncated: Any = False
-    action: Any = None
-    mask: Any = None  # before the action
-    goal: Any = None  # whether STOP would succeed, before the action
-
-    @property
-    def ends(self) -> bool:
-        """Whether the step ends the episode, for whichever reason."""
-        return bool(self.terminated or self.truncated)
+Results = dict[str, Any]  # of a reset or a step, by name
 
 
 def check_env(make: Callable[[], SingleEnv], *, exact_masks: bool = True, steps: int = 200) -> None:
@@ -67,9 +51,7 @@ def check_env(make: Callable[[], SingleEnv], *, exact_masks: bool = True, steps:
 
     `exact_masks`: whether every action outside the mask is invalid; False for wrappers that mask valid ones.
     """
-    for event in _check_player(lambda: _Singles([make()]), steps, exact_masks=exact_masks):
-        types = tuple(map(type, (event.reward, event.terminated, event.truncated, event.info)))
-        _require(types == (float, bool, bool, dict), f"reward, flags and info must be float, bool, bool, dict: {types}")
+    _check_seeds(lambda: _Single(make(), exact_masks=exact_masks), steps)
     env = make()
     action = env.action_space.sample()
     _check_raises(ResetNeeded, "before the first reset", env.step, action)
@@ -92,52 +74,46 @@ def check_vector_env(
     exact_masks: bool = True,
     steps: int = 40,
 ) -> None:
-    """Checks vector environments, `make(num_envs=, autoreset_mode=)`, against single ones and as `check_env` does.
+    """Checks vector environments, `make(num_envs=, autoreset_mode=)`, against single ones, which `check_env` checks.
 
     This package's batches run compiled code from eight environments on.
     """
+    _check_seeds(lambda: _Single(make_single(), exact_masks=exact_masks), steps)
     for mode in modes:
-
-        def player(mode: AutoresetMode = mode) -> _Vector:
-            return _Vector(make(num_envs=num_envs, autoreset_mode=mode))
-
-        _check_same_play(player, lambda: _Singles([make_single() for _ in range(num_envs)]), steps)
-    make_first = partial(make, num_envs=num_envs, autoreset_mode=modes[0])
-    list(_check_player(lambda: _Vector(make_first()), steps, exact_masks=exact_masks))
-    env = make_first()
+        _check_same_play(
+            lambda mode=mode: _Vector(make(num_envs=num_envs, autoreset_mode=mode)),
+            lambda mode=mode: _Vector(SyncVectorEnv([make_single] * num_envs, autoreset_mode=mode)),
+            steps,
+        )
+    env = make(num_envs=num_envs, autoreset_mode=modes[0])
     actions = env.action_space.sample()
     _check_raises(ResetNeeded, "before the first reset", env.step, actions)
-    env.reset(seed=0)
+    observations, _ = env.reset(seed=0)
+    _require(observations in env.observation_space, "a batch's observation is not in its observation space")
     _check_closed(env, actions)
 
 
 def check_sb3_env(make: Callable[[], Any], make_single: Callable[[], SingleEnv], *, steps: int = 40) -> None:
-    """Checks Stable-Baselines3's VecEnvs against single environments, and as `check_env` does."""
+    """Checks Stable-Baselines3's VecEnvs against single environments, and their seeds."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
-    def single() -> _Singles:
-        return _Singles([make_single() for _ in range(make().num_envs)], _as_in_sb3)
-
-    _check_same_play(lambda: _SB3(make()), single, steps)
-    list(_check_player(lambda: _SB3(make()), steps, exact_masks=False))
-
-
-def _as_in_sb3(event: Event) -> Event:
-    return event._replace(reward=np.float32(event.reward), truncated=event.truncated and not event.terminated)
+    with closing(make()) as env:
+        count = env.num_envs
+    _check_same_play(lambda: _SB3(make()), lambda: _SB3(DummyVecEnv([make_single] * count)), steps)
 
 
 def check_game(make: Callable[[], Any], *, steps: int = 200) -> None:
     """Checks PettingZoo's parallel form of the game: spaces, masks and seeds."""
-    list(_check_player(lambda: _ParallelGames([make()]), steps))
+    _check_seeds(lambda: _ParallelGames([make()]), steps)
 
 
 def check_batched_games(
     make: Callable[[int], BatchedGames], make_single: Callable[[], Any], *, num_games: int = 9, steps: int = 40
 ) -> None:
-    """Checks batches of games, `make(num_games)`, against single parallel ones, and as `check_game` does."""
+    """Checks batches of games, `make(num_games)`, against single parallel ones, which `check_game` checks."""
     _check_same_play(
         lambda: _Games(make(num_games)), lambda: _ParallelGames([make_single() for _ in range(num_games)]), steps
     )
-    list(_check_player(lambda: _Games(make(num_games)), steps))
     games = make(1)
     actions = {agent: np.zeros(1, np.int64) for agent in games.possible_agents}
     _check_raises(ResetNeeded, "before the first reset", games.step, actions)
@@ -145,49 +121,39 @@ def check_batched_games(
     _check_closed(games, actions)
 
 
-def _check_same_play(make: Callable[[], _Player], make_reference: Callable[[], _Player], steps: int) -> None:
+def _check_same_play(make: Callable[[], Any], make_reference: Callable[[], Any], steps: int) -> None:
     """Both play the same, with a seed and when a reset without one continues the generators."""
     with closing(make()) as ours, closing(make_reference()) as theirs:
-        _check_same_histories(_play(ours, 5, steps), _play(theirs, 5, steps), "in a single environment")
-        for player in (ours, theirs):
-            player.reset(7)
-        _check_same_histories(_play(ours, None, steps), _play(theirs, None, steps), "in a single environment")
+        for seed in (5, None, 5):
+            _check_same(_play(ours, seed, steps), _play(theirs, seed, steps), "of single environments")
 
 
-def _check_player(make: Callable[[], _Player], steps: int, *, exact_masks: bool = True) -> Iterator[Event]:
-    """Checks seeds and every event; gives the events."""
+def _check_seeds(make: Callable[[], Any], steps: int) -> None:
+    """The same seed gives the same play, whatever was played before."""
     with closing(make()) as player, closing(make()) as other:
         state = np.random.get_state(legacy=False)  # noqa: NPY002
-        histories = _play(player, 0, steps)
-        _check_same_histories(_play(other, 0, steps), histories, "in another environment with the same seed")
-        _check_same_histories(_play(player, 0, steps), histories, "before a reset with the same seed")
+        played = _play(player, 0, steps)
+        _check_same(_play(other, 0, steps), played, "of another environment with the same seed")
+        _check_same(_play(player, 0, steps), played, "before a reset with the same seed")
         assert_same(np.random.get_state(legacy=False), state, "NumPy's global generator")  # noqa: NPY002
-        for event in (event for history in histories for event in history):
-            player.check(event, exact_masks=exact_masks)
-            yield event
 
 
-def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
-    """The events of each environment in `steps` steps. Checks that later steps do not change observations."""
-    histories = [[event] for event in player.reset(seed)]
+def _play(player: Any, seed: int | None, steps: int) -> list[Any]:
+    """The results of a reset and of `steps` steps. Checks that later steps do not change them."""
     generators = [np.random.default_rng(env_id) for env_id in range(player.count)]
-    copies = [[copy.deepcopy(event.observation)] for (event,) in histories]
+    played = [player.reset(seed)]
+    copies = copy.deepcopy(played)
     for _ in range(steps):
-        masks = [copy.copy(mask) for mask in player.masks()]
-        goals = player.goals()
-        waiting = [history[-1].ends for history in histories]  # NEXT_STEP: for a reset, which ignores the action
-        actions = [
-            history[-1].action if waits else _choose(player.action_space, mask, generator)
-            for history, waits, mask, generator in zip(histories, waiting, masks, generators, strict=True)
-        ]
-        for env_id, events in enumerate(player.step(actions, waiting)):
-            if not waiting[env_id]:
-                events[0] = events[0]._replace(action=actions[env_id], mask=masks[env_id], goal=goals[env_id])
-            histories[env_id] += events
-            copies[env_id] += [copy.deepcopy(event.observation) for event in events]
-    for history, observations in zip(histories, copies, strict=True):
-        assert_same([event.observation for event in history], observations, "an earlier observation, after more steps")
-    return histories
+        pairs = zip(player.masks(), generators, strict=True)
+        played.append(player.step([_choose(player.action_space, mask, generator) for mask, generator in pairs]))
+        copies.append(copy.deepcopy(played[-1]))
+    _check_same(played, copies, "before more steps, for an earlier observation")
+    return played
+
+
+def _check_same(ours: list[Any], theirs: list[Any], where: str) -> None:
+    for number, (one, other) in enumerate(zip(ours, theirs, strict=True)):
+        assert_same(one, other, f"the results of step {number}, compared with those {where},")
 
 
 def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
@@ -203,254 +169,187 @@ def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
     return int(generator.integers(space.n) if kind < STOP_SHARE + ANY_SHARE else generator.choice(np.flatnonzero(mask)))
 
 
-class _Player:
-    """Environments that are stepped together and reset when their episodes end. This base is for the MDP.
+class _Single:
+    """A Gymnasium environment, which is reset when its episodes end. Checks what its results say of themselves."""
 
-    `step` gives for each environment the step's event, and the reset's; in NEXT_STEP the reset's alone where it waits.
-    """
+    count = 1
 
-    count: int
-    action_space: Any  # of one environment; in the game, by agent
-    observation_space: Any
+    def __init__(self, env: SingleEnv, *, exact_masks: bool) -> None:
+        self._env = env
+        self._exact_masks = exact_masks
+        self.action_space = env.action_space
+        self.close = env.close
 
-    env: Any  # the batch, if they are one
+    def reset(self, seed: int | None) -> Results:
+        observation, info = self._env.reset(seed=seed)
+        _require(observation in self._env.observation_space, "an observation is not in the observation space")
+        _require("task" in info, f"infos of a reset name no task: {info}")
+        return {"observations": observation, "infos": info}
 
-    def reset(self, seed: int | None) -> list[Event]: ...
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]: ...
-    def masks(self) -> Sequence[Any]: ...
-    def goals(self) -> Sequence[Any]: ...
+    def masks(self) -> Sequence[Any]:
+        return [attribute(self._env, "action_masks")()]
 
-    def close(self) -> None:
-        self.env.close()
-
-    def check(self, event: Event, *, exact_masks: bool) -> None:
-        """Checks what an event says of itself."""
-        info, action = event.info, event.action
-        _require(event.observation in self.observation_space, "an observation is not in the observation space")
-        if action is None:
-            _require("task" in info, f"infos of a reset name no task: {info}")
-        elif not event.ends:
+    def step(self, actions: list[Any]) -> Results:
+        action = actions[0]
+        before = {name: attribute(self._env, name)() for name in READ}
+        results: Results = dict(zip(STEP_RESULTS, self._env.step(action), strict=True))
+        observation, *others = results.values()
+        _require(observation in self._env.observation_space, "an observation is not in the observation space")
+        types = tuple(map(type, others))
+        _require(types == (float, bool, bool, dict), f"reward, flags and info must be float, bool, bool, dict: {types}")
+        info = results["infos"]
+        outcome = info.get("outcome")
+        if not (results["terminated"] or results["truncated"]):
             _require("outcome" not in info, f"infos before the end of an episode have an outcome: {info}")
         else:
-            outcome = info.get("outcome")
             _require(outcome in OUTCOMES, f"the outcome must be one of {', '.join(OUTCOMES)}, not {outcome!r}")
             _require(info["is_success"] == (outcome == "success"), f"is_success contradicts the outcome: {info}")
             _require(("invalid_reason" in info) == (outcome == "invalid_action"), f"invalid_reason is wrong: {info}")
+            results["started"] = self.reset(None)
         if isinstance(action, int):
-            is_valid, is_allowed = info.get("outcome") != "invalid_action", bool(event.mask[action])
+            mask, goal = before.values()
+            is_valid, is_allowed = outcome != "invalid_action", bool(mask[action])
             _require(is_valid >= is_allowed, f"the mask allows action {action}, which is invalid")
-            _require(not exact_masks or is_valid == is_allowed, f"the mask forbids action {action}, which is valid")
-            _require(action or info["is_success"] == event.goal, f"goal_reached was {event.goal}, but STOP gave {info}")
+            is_exact = is_valid == is_allowed or not self._exact_masks
+            _require(is_exact, f"the mask forbids action {action}, which is valid")
+            _require(action or info["is_success"] == goal, f"goal_reached was {goal}, but STOP gave {info}")
+        return before | results
 
 
-class _Singles(_Player):
-    """Gymnasium environments."""
-
-    def __init__(self, envs: list[Any], convert: Callable[[Event], Event] = lambda event: event) -> None:
-        self.envs, self.count, self._convert = envs, len(envs), convert
-        self.action_space = envs[0].action_space
-        self.observation_space = envs[0].observation_space
-
-    def reset(self, seed: int | None) -> list[Event]:
-        seeds = [None if seed is None else seed + env_id for env_id in range(self.count)]
-        return [Event(*env.reset(seed=one)) for env, one in zip(self.envs, seeds, strict=True)]
-
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
-        stepped = [self._step(env, action) for env, action in zip(self.envs, actions, strict=True)]
-        return [
-            [event, Event(*env.reset())] if event.ends else [event]
-            for env, event in zip(self.envs, stepped, strict=True)
-        ]
-
-    def _step(self, env: Any, action: Any) -> Event:
-        observation, reward, terminated, truncated, info = env.step(action)
-        return self._convert(Event(observation, info, reward, terminated, truncated))
-
-    def masks(self) -> Sequence[Any]:
-        return [action_masks(env) for env in self.envs]
-
-    def goals(self) -> Sequence[Any]:
-        return [attribute(env, "goal_reached")() for env in self.envs]
-
-    def close(self) -> None:
-        for env in self.envs:
-            env.close()
-
-
-class _Vector(_Player):
+class _Vector:
     """A vector environment of Gymnasium, in any autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        self.env, self.count, self.mode = env, env.num_envs, env.metadata["autoreset_mode"]
+        self._env = env
+        self.count = env.num_envs
         self.action_space = env.single_action_space
-        self.observation_space = env.single_observation_space
+        self.close = env.close
 
-    def reset(self, seed: int | None) -> list[Event]:
-        return self._starts(*self.env.reset(seed=seed))
-
-    def _starts(self, observations: Any, infos: Any) -> list[Event]:
-        _require(observations in self.env.observation_space, "a batch's observation is not in its observation space")
-        return [Event(row_of(observations, env_id), _info(infos, env_id)) for env_id in range(self.count)]
-
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
-        batch = concatenate(self.action_space, actions, create_empty_array(self.action_space, self.count))
-        observations, rewards, terminated, truncated, infos = self.env.step(batch)
-        ends = terminated | truncated
-        events: list[list[Event]] = []
-        for env_id, now in enumerate(self._starts(observations, infos)):
-            outcome = rewards[env_id], terminated[env_id], truncated[env_id]
-            if waiting[env_id]:
-                _require(not any(outcome), f"reward and flags of a reset in mode NEXT_STEP must be 0, not {outcome}")
-                events.append([now])
-            elif ends[env_id] and self.mode is AutoresetMode.SAME_STEP:
-                last = Event(infos["final_obs"][env_id], _info(infos["final_info"], env_id), *outcome)
-                events.append([last, now])
-            else:
-                events.append([Event(now.observation, now.info, *outcome)])
-        if self.mode is AutoresetMode.DISABLED and ends.any():
-            _check_raises(ResetNeeded, "after the end of an episode", self.env.step, batch)
-            started = self._starts(*self.env.reset(options={"reset_mask": ends}))
-            for env_id in np.flatnonzero(ends).tolist():
-                events[env_id].append(started[env_id])
-        return events
+    def reset(self, seed: int | None, **options: Any) -> Results:
+        observations, infos = self._env.reset(seed=seed, **options)
+        return {"observations": observations, "infos": _present(infos)}
 
     def masks(self) -> Sequence[Any]:
-        return list(action_masks(self.env))
+        return self._read("action_masks")
 
-    def goals(self) -> Sequence[Any]:
-        return attribute(self.env, "goal_reached")()
+    def _read(self, name: str) -> Any:
+        if isinstance(self._env, SyncVectorEnv):
+            return np.stack([attribute(env, name)() for env in self._env.envs])
+        return attribute(self._env, name)()
+
+    def step(self, actions: list[Any]) -> Results:
+        batch = concatenate(self.action_space, actions, create_empty_array(self.action_space, self.count))
+        results = {name: self._read(name) for name in READ}
+        results |= zip(STEP_RESULTS, self._env.step(batch), strict=True)
+        results["infos"] = _present(results["infos"])
+        ends = results["terminated"] | results["truncated"]
+        if self._env.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ends.any():
+            if not isinstance(self._env, SyncVectorEnv):
+                _check_raises(ResetNeeded, "after the end of an episode", self._env.step, batch)
+            results["started"] = self.reset(None, options={"reset_mask": ends})
+        return results
 
 
-class _SB3(_Player):
+def _present(infos: Mapping[str, Any]) -> Results:
+    """A vector environment's infos without the entries that their masks, `_name`, exclude."""
+    present: Results = {}
+    for name, values in infos.items():
+        if isinstance(values, Mapping):
+            present[name] = _present(values)
+        elif np.any(infos.get(f"_{name}", False)):
+            present |= {name: values[infos[f"_{name}"]], f"_{name}": infos[f"_{name}"]}
+    return present
+
+
+class _SB3:
     """A VecEnv of Stable-Baselines3."""
 
     def __init__(self, env: Any) -> None:
-        self.env, self.count = env, env.num_envs
+        self._env = env
+        self.count = env.num_envs
         self.action_space = env.action_space
-        self.observation_space = env.observation_space
+        self.close = env.close
 
-    def reset(self, seed: int | None) -> list[Event]:
+    def reset(self, seed: int | None) -> Results:
         if seed is not None:
-            self.env.seed(seed)
-        observations = self.env.reset()
-        return [self._start(observations, env_id) for env_id in range(self.count)]
-
-    def _start(self, observations: Any, env_id: int) -> Event:
-        return Event(row_of(observations, env_id), dict(self.env.unwrapped.reset_infos[env_id]))
-
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
-        observations, rewards, dones, infos = self.env.step(np.array(actions))
-        events: list[list[Event]] = []
-        for env_id, info in enumerate(infos):
-            own = {key: value for key, value in info.items() if key not in SB3_INFOS}
-            reward = np.float32(rewards[env_id])
-            if dones[env_id]:
-                cut = info["TimeLimit.truncated"]
-                last = Event(info["terminal_observation"], own, reward, not cut, cut)
-                events.append([last, self._start(observations, env_id)])
-            else:
-                events.append([Event(row_of(observations, env_id), own, reward)])
-        return events
+            self._env.seed(seed)
+        return {"observations": self._env.reset(), "infos": copy.deepcopy(self._env.unwrapped.reset_infos)}
 
     def masks(self) -> Sequence[Any]:
-        return self.env.env_method("action_masks")
+        return self._env.env_method("action_masks")
 
-    def goals(self) -> Sequence[Any]:
-        return self.env.env_method("goal_reached")
-
-
-class _GamePlayer(_Player):
-    """Games; actions, masks, rewards and infos are by agent."""
-
-    last: list[Event]  # of each game
-
-    def masks(self) -> Sequence[Any]:
-        return [{agent: event.observation[agent]["action_mask"] for agent in self.action_space} for event in self.last]
-
-    def goals(self) -> Sequence[Any]:
-        return [None] * self.count
-
-    def check(self, event: Event, *, exact_masks: bool) -> None:
-        for agent, space in self.observation_space.items():
-            _require(event.observation[agent] in space, f"an observation of {agent} is not in its space")
-            if event.action is None or event.info is None:
-                continue
-            action = event.action[agent]
-            info = event.info[agent]
-            is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
-            _require(
-                not (event.mask[agent][action] and is_illegal), f"the mask allows {agent} {action}, which is illegal"
-            )
-            _require(event.ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
+    def step(self, actions: list[Any]) -> Results:
+        results = {name: np.array(self._env.env_method(name)) for name in READ}
+        results |= zip(("observations", "rewards", "dones", "infos"), self._env.step(np.array(actions)), strict=True)
+        for info, done in zip(results["infos"], results["dones"], strict=True):
+            info.pop("episode", None)  # of a monitor
+            if not done:
+                info.pop("TimeLimit.truncated", None)  # which DummyVecEnv adds in every step
+        return results
 
 
-class _ParallelGames(_GamePlayer, _Singles):
-    """Parallel environments of PettingZoo."""
-
-    def __init__(self, envs: list[Any]) -> None:
-        self.envs, self.count, self.agents = envs, len(envs), envs[0].possible_agents
-        self.action_space = {agent: envs[0].action_space(agent) for agent in self.agents}
-        self.observation_space = {agent: envs[0].observation_space(agent) for agent in self.agents}
-
-    def reset(self, seed: int | None) -> list[Event]:
-        self.last = super().reset(seed)
-        return self.last
-
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
-        events = super().step(actions, waiting)
-        self.last = [each[-1] for each in events]
-        return events
-
-    def _step(self, env: Any, action: Any) -> Event:
-        observations, rewards, terminated, truncated, infos = env.step(action)
-        event = Event(observations, infos, rewards, any(terminated.values()), any(truncated.values()))
-        _require(event.ends != bool(env.agents), f"agents must be empty just after the end, not {env.agents}")
-        return event
-
-
-class _Games(_GamePlayer):
-    """A batch of games; of each it reports infos of the end alone."""
+class _Games:
+    """A batch of games. Observations, rewards and infos are by agent."""
 
     def __init__(self, games: BatchedGames) -> None:
-        self.env = games
+        self._env = games
         self.count = games.num_games
         self.action_space = games.single_action_spaces
-        self.observation_space = games.single_observation_spaces
+        self.close = games.close
 
-    def reset(self, seed: int | None) -> list[Event]:
-        observations, _ = self.env.reset(seed=seed)
-        self.last = [Event(row_of(observations, index), None) for index in range(self.count)]
-        return self.last
+    def reset(self, seed: int | None) -> list[Any]:
+        observations, _ = self._env.reset(seed=seed)
+        self._shown = [row_of(observations, index) for index in range(self.count)]
+        return self._shown.copy()
 
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
+    def masks(self) -> Sequence[Any]:
+        return [{agent: shown[agent]["action_mask"] for agent in self.action_space} for shown in self._shown]
+
+    def step(self, actions: list[Any]) -> list[Any]:
         batch = {agent: np.array([action[agent] for action in actions]) for agent in self.action_space}
-        observations, rewards, terminated, truncated, infos = self.env.step(batch)
-        events: list[list[Event]] = []
-        for index in range(self.count):
-            now = Event(row_of(observations, index), None)
-            outcome = row_of(rewards, index), terminated[index], truncated[index]
-            if terminated[index] or truncated[index]:
-                last = Event(infos["final_observation"][index], infos["final_info"][index], *outcome)
-                events.append([last, now])
-            else:
-                events.append([Event(now.observation, None, *outcome)])
-        self.last = [each[-1] for each in events]
-        return events
+        observations, rewards, terminated, truncated, infos = self._env.step(batch)
+        self._shown = [row_of(observations, index) for index in range(self.count)]
+        ended = [infos.get(name, [None] * self.count) for name in ("final_observation", "final_info")]
+        results = zip(self._shown, terminated, truncated, *ended, strict=True)
+        return [{"rewards": row_of(rewards, index), "others": others} for index, others in enumerate(results)]
 
 
-def _info(infos: Mapping[str, Any], env_id: int) -> dict[str, Any]:
-    """One environment's infos: the entries whose mask, `_key`, is true for it."""
-    keys = [key for key in infos if not key.startswith("_") and not key.startswith("final_")]
-    return {key: infos[key][env_id] for key in keys if infos[f"_{key}"][env_id]}
+class _ParallelGames(_Games):
+    """Parallel environments of PettingZoo, which are reset when games end. Checks what results say of themselves."""
 
+    def __init__(self, envs: list[Any]) -> None:
+        self._envs = envs
+        self.count = len(envs)
+        self.action_space = {agent: envs[0].action_space(agent) for agent in envs[0].possible_agents}
 
-def _check_same_histories(ours: list[list[Event]], theirs: list[list[Event]], where: str) -> None:
-    for env_id, (one, other) in enumerate(zip(ours, theirs, strict=True)):
-        for number, (event, expected) in enumerate(zip(one, other, strict=False)):  # NEXT_STEP spends steps on resets
-            for name, value in event._asdict().items():
-                if name != "info" or not (value is None or expected.info is None):
-                    what = f"{name} of event {number} of environment {env_id}"
-                    assert_same(value, getattr(expected, name), f"{what}, compared with the one {where}")
+    def close(self) -> None:
+        for env in self._envs:
+            env.close()
+
+    def reset(self, seed: int | None) -> list[Any]:
+        seeds = [None if seed is None else seed + index for index in range(self.count)]
+        self._shown = [env.reset(seed=own)[0] for env, own in zip(self._envs, seeds, strict=True)]
+        return self._shown.copy()
+
+    def step(self, actions: list[Any]) -> list[Any]:
+        return [self._step(*each) for each in zip(range(self.count), self._envs, actions, strict=True)]
+
+    def _step(self, index: int, env: Any, action: Mapping[str, int]) -> Results:
+        observations, rewards, terminated, truncated, infos = env.step(action)
+        flags = any(terminated.values()), any(truncated.values())
+        ends = any(flags)
+        _require(ends != bool(env.agents), f"agents must be empty just after the end, not {env.agents}")
+        for agent, info in infos.items():
+            _require(
+                observations[agent] in env.observation_space(agent), f"an observation of {agent} is not in its space"
+            )
+            is_illegal = info.get("illegal_choice", False)  # invalid edits are legal choices, with that outcome
+            is_allowed = self._shown[index][agent]["action_mask"][action[agent]]
+            _require(not (is_allowed and is_illegal), f"the mask allows {agent} {action}, which is illegal")
+            _require(ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
+        self._shown[index] = env.reset()[0] if ends else observations
+        ended = (observations, infos) if ends else (None, None)
+        return {"rewards": rewards, "others": (self._shown[index], *flags, *ended)}
 
 
 def assert_same(value: Any, expected: Any, what: str = "the value") -> None:

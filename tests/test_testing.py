@@ -230,10 +230,10 @@ def restart(env: Any, observations: Any, rewards: Any, infos: Any, ended: Any) -
 
 
 VECTORS = {
-    (AutoresetMode.SAME_STEP, show_next): "'image' in observation of event",
-    (AutoresetMode.SAME_STEP, swap): "reward of event",
-    (AutoresetMode.NEXT_STEP, pay): "reward and flags of a reset in mode NEXT_STEP must be 0",
-    (AutoresetMode.NEXT_STEP, mark): "info of event",
+    (AutoresetMode.SAME_STEP, show_next): "'image' in a part of 'final_obs'",
+    (AutoresetMode.SAME_STEP, swap): "'rewards' in the results of step",
+    (AutoresetMode.NEXT_STEP, pay): "'rewards' in the results of step",
+    (AutoresetMode.NEXT_STEP, mark): "'(task|outcome)' in 'infos'",
     (AutoresetMode.DISABLED, restart): "after the end of an episode must raise ResetNeeded",
 }
 
@@ -265,9 +265,13 @@ def test_check_sb3_env__finds() -> None:
             return *results, infos
 
     for name, change, message in (
-        ("terminal_observation", lambda last: {**last, "image": last["image"] * 0}, "'image' in observation of event"),
-        ("TimeLimit.truncated", lambda truncated: not truncated, "terminated of event"),
-        ("is_success", lambda success: not success, "'is_success' in info of event"),
+        (
+            "terminal_observation",
+            lambda last: {**last, "image": last["image"] * 0},
+            "'image' in 'terminal_observation'",
+        ),
+        ("TimeLimit.truncated", lambda truncated: not truncated, "'TimeLimit.truncated' in a part of 'infos'"),
+        ("is_success", lambda success: not success, "'is_success' in a part of 'infos'"),
     ):
         with pytest.raises(AssertionError, match=message):
             testing.check_sb3_env(
@@ -301,8 +305,8 @@ def test_check_game__finds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for broken, message in (
         (Allowing, "'action_mask' in"),
-        (Swapping, "'proposer_0' in reward of event"),
-        (Unending, "'proposer_0' in info of event"),
+        (Swapping, "'proposer_0' in 'rewards'"),
+        (Unending, "'proposer_0' in a part of 'others'"),
     ):
         with pytest.raises(AssertionError, match=message):
             testing.check_batched_games(
