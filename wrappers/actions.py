@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from lilgym_mp.scene.actions import STOP, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
@@ -116,6 +116,7 @@ class StopForcing(EnvWrapper[Forcing]):
 
 NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
 MASKS = {form: form for form in (NUMBERS, SLOTS)}
+MAX_KNOWN = 100_000  # decoded arrays that are kept
 
 
 class ArrayDecoding(Transformation):
@@ -127,34 +128,34 @@ class ArrayDecoding(Transformation):
         super().__init__(description)
         description.require_discrete_actions()
         self._by_slots = choose("masks", masks, MASKS) == SLOTS
-        self._appearance = description.dynamics.appearance
-        # Each action type has consecutive indices, last slot fastest (docs/spec.md, "Actions"): the first of them, and
-        # the array form of the last action, which has the largest value of each slot, -1 if unused.
-        unused = [0] * (len(self._appearance.to_array(STOP)) - 1)
-        arrays = ([int(action_type), *unused] for action_type in ActionType)
-        self._firsts = [self._appearance.encode(self._appearance.from_array(array)) for array in arrays]
-        ends = [*self._firsts[1:], self._appearance.action_count]
-        self._lasts = np.array([self._appearance.to_array(self._appearance.decode(end - 1)) for end in ends])
-        self._sizes = 1 + self._lasts.max(axis=0)
+        self._appearance = appearance = description.dynamics.appearance
+        unused = [0] * (len(appearance.to_array(STOP)) - 1)
+        first_remove = appearance.encode(appearance.from_array([ActionType.REMOVE, *unused]))
+        # The last ADD (docs/spec.md, "Actions"), which has the largest value of each slot
+        _, *largest = appearance.to_array(appearance.decode(first_remove - 1))
+        self._sizes = np.array([len(ActionType), *(1 + value for value in largest)])
+        self._indices: dict[tuple[int, ...], int] = {}  # of arrays that have occurred
 
     def action_space(self) -> spaces.MultiDiscrete:
         return spaces.MultiDiscrete(self._sizes)
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
-        """Raises ActionError for an array of another shape or a value out of range."""
+        """Raises ActionError for an array of another shape or type, or a value out of range."""
         arrays = np.asarray(actions)
-        if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
-            return self._decode_one_by_one(actions), {}
-        indices = np.zeros(len(arrays), np.int64)
-        is_valid = np.zeros(len(arrays), np.bool_)
-        for action_type, (last, first_index) in enumerate(zip(self._lasts, self._firsts, strict=True)):
-            rows = arrays[:, 0] == action_type
-            slots = np.flatnonzero(last[1:] >= 0) + 1
-            values = arrays[np.ix_(rows, slots)]
-            is_valid[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
-            if slots.size and is_valid[rows].all():
-                indices[rows] = first_index + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
-        return (indices if is_valid.all() else self._decode_one_by_one(arrays)), {}
+        if arrays.ndim != 2 or arrays.dtype.kind not in "iu":
+            self._decoded(arrays[0])
+        return np.array(list(map(self._index, map(tuple, arrays.tolist())))), {}
+
+    def _index(self, array: tuple[int, ...]) -> int:
+        index = self._indices.get(array)
+        if index is None:
+            if len(self._indices) == MAX_KNOWN:
+                self._indices.clear()
+            index = self._indices[array] = self._decoded(array)
+        return index
+
+    def _decoded(self, array: Sequence[int]) -> int:
+        return self._appearance.encode(self._appearance.from_array(array))
 
     def action_masks(self, state: EnvState) -> BoolArray:
         legal = state.action_masks()
@@ -168,10 +169,6 @@ class ArrayDecoding(Transformation):
         for slot in flags:
             slot[~slot.any(axis=1)] = True  # no legal action uses the slot, so its value is ignored
         return np.concatenate(flags, axis=1)
-
-    def _decode_one_by_one(self, arrays: Batch) -> Int64Array:
-        """The slow path, for its error messages."""
-        return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
 
 
 class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):

@@ -37,7 +37,7 @@ from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
-from lilgym_mp.envs.proposer_verifier.settings import VIEWS_HELP, read_views
+from lilgym_mp.envs.proposer_verifier.settings import VIEWS_HELP, name_or_json
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
@@ -135,7 +135,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     game.add_argument(
         "--views",
-        type=argument_type(read_views),
+        type=argument_type(name_or_json),
         metavar="VIEWS",
         help="what scripted partners of --protocol see; runs see what they learned with: " + VIEWS_HELP,
     )

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from enum import IntEnum
 from typing import Any, NamedTuple, SupportsIndex, cast
 
@@ -89,33 +90,35 @@ Action = TowerAction | ScatterAction
 
 STOP = Stop()
 
-BOX_NAMES = ("LEFT", "MIDDLE", "RIGHT")
+
+class BoxName(IntEnum):
+    """Names of the boxes; the value is the index."""
+
+    LEFT = 0
+    MIDDLE = 1
+    RIGHT = 2
+
+
+BOX_NAMES = tuple(BoxName.__members__)
+
+# By class of action: its verb, and the kinds of its fields
+_FORMS: Mapping[type[Action], tuple[str, Sequence[Any]]] = {
+    Stop: ("STOP", ()),
+    AddBlock: ("ADD", (BoxName, Colour)),
+    RemoveBlock: ("REMOVE", (BoxName,)),
+    AddItem: ("ADD", (int, int, Shape, Colour, Size)),
+    RemoveItem: ("REMOVE", (int, int)),
+}
 
 
 def describe(action: Action) -> str:
     """The action as people write it, such as ADD(LEFT, BLUE) or REMOVE(3, 4)."""
-    match action:
-        case Stop():
-            return "STOP"
-        case AddBlock(box, colour):
-            return f"ADD({BOX_NAMES[box]}, {colour.name})"
-        case RemoveBlock(box):
-            return f"REMOVE({BOX_NAMES[box]})"
-        case AddItem(column, row, shape, colour, size):
-            return f"ADD({column}, {row}, {shape.name}, {colour.name}, {size.name})"
-        case RemoveItem(column, row):
-            return f"REMOVE({column}, {row})"
+    verb, kinds = _FORMS[type(action)]
+    words = [str(value) if kind is int else kind(value).name for kind, value in zip(kinds, action, strict=True)]
+    return f"{verb}({', '.join(words)})" if words else verb
 
 
 _NAME = re.compile(r"\s*(\w+)\s*(?:\(([^()]*)\))?\s*")
-_BOX: Callable[[str], int] = BOX_NAMES.index
-_READERS: Mapping[tuple[str, int], tuple[Callable[..., Action], Sequence[Callable[[str], Any]]]] = {
-    ("STOP", 0): (Stop, ()),
-    ("ADD", 2): (AddBlock, (_BOX, Colour.__getitem__)),
-    ("REMOVE", 1): (RemoveBlock, (_BOX,)),
-    ("ADD", 5): (AddItem, (int, int, Shape.__getitem__, Colour.__getitem__, Size.__getitem__)),
-    ("REMOVE", 2): (RemoveItem, (int, int)),
-}
 
 
 def named(name: str) -> Action:
@@ -123,13 +126,13 @@ def named(name: str) -> Action:
     found = _NAME.fullmatch(name.upper())
     if found:
         word, inside = found.groups()
-        arguments = [argument.strip() for argument in inside.split(",")] if inside and inside.strip() else []
-        action, readers = _READERS.get((word, len(arguments)), (None, ()))
-        try:
-            if action is not None:
-                return action(*(read(argument) for read, argument in zip(readers, arguments, strict=True)))
-        except (KeyError, ValueError):
-            pass
+        words = [each.strip() for each in inside.split(",")] if inside and inside.strip() else []
+        for action, (verb, kinds) in _FORMS.items():
+            if (verb, len(kinds)) == (word, len(words)):
+                with suppress(KeyError, ValueError):
+                    pairs = zip(kinds, words, strict=True)
+                    fields: list[Any] = [int(each) if kind is int else kind[each] for kind, each in pairs]
+                    return action(*fields)
     raise ActionError(f"{name!r} is not an action; actions look like {', '.join(map(describe, _EXAMPLES))}")
 
 

@@ -19,7 +19,12 @@ from lilgym_mp.envs.observation import EMPTY
 from lilgym_mp.envs.rules import Dynamics, result_index
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
-from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
+from lilgym_mp.scene.appearances.scatter.actions import (
+    ITEM_TYPE_COUNT,
+    ITEM_TYPE_FOOTPRINTS,
+    ITEM_TYPE_INDICES,
+    ITEM_TYPES,
+)
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import draw, image_shape, shrink_of
 from lilgym_mp.scene.render.drawing import LARGEST_PATCH, palette, stamp
@@ -136,7 +141,7 @@ class CompiledCore(Core):
 def item_code(item: Item) -> int:
     """The item encoded by `kernels.encode_item`."""
     x, y, shape, colour, size = item
-    return kernels.encode_item.py_func(x, y, item_type_of(shape, colour, size))
+    return kernels.encode_item.py_func(x, y, ITEM_TYPE_INDICES[shape, colour, size])
 
 
 def item_from_code(code: int) -> Item:

@@ -7,7 +7,6 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import cache, lru_cache
@@ -143,6 +142,4 @@ NAMES: dict[str, Any] = {
     "bits": _bits,
     "only": _only,
     "union": _union,
-    "choose": itertools.combinations,
-    "comb": math.comb,
 }

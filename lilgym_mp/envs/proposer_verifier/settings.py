@@ -53,11 +53,6 @@ VIEWS_HELP = (
 )
 
 
-def read_views(text: str) -> ViewSpec | Mapping[str, ViewSpec]:
-    """A name of views, or JSON of them. Raises ValueError."""
-    return _from_json(text)
-
-
 def _make_view(view: ViewSpec) -> View:
     """A view from its fields or a name in VIEWS."""
     if isinstance(view, View):
@@ -75,13 +70,8 @@ def _make_view(view: ViewSpec) -> View:
 REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
 
 
-def read_rewards(text: str) -> Rewards:
-    """A name of rewards, or JSON of them. Raises ValueError."""
-    return _from_json(text)
-
-
-def _from_json(text: str) -> Any:
-    """JSON of an object, or the text itself. Raises ValueError."""
+def name_or_json(text: str) -> Any:
+    """JSON of an object, or the text itself: a name. Raises ValueError."""
     if not text.startswith("{"):
         return text
     try:
@@ -92,7 +82,8 @@ def _from_json(text: str) -> Any:
 
 def read_sizes(text: str) -> int | Mapping[str, int]:
     """A number, or JSON of one for each agent. Raises ValueError."""
-    return _from_json(text) if text.startswith("{") else int(text)
+    found = name_or_json(text)
+    return int(found) if found is text else found
 
 
 @dataclass(frozen=True)
@@ -116,10 +107,10 @@ class GameSettings(EnvConfig):
     _: KW_ONLY
     protocol: str = setting("veto", "(default: veto)", choices=PROTOCOLS)
     # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
-    rewards: Rewards = setting("common", REWARDS_HELP, kind=read_rewards)
+    rewards: Rewards = setting("common", REWARDS_HELP, kind=name_or_json)
     deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden")
     # for both, {agent: view}, or GUIDE
-    views: ViewSpec | Mapping[str, ViewSpec] = setting("image", VIEWS_HELP, kind=read_views)
+    views: ViewSpec | Mapping[str, ViewSpec] = setting("image", VIEWS_HELP, kind=name_or_json)
     message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
         None, "messages besides silence, for both agents or JSON by agent (default: the protocol's)", kind=read_sizes
     )

@@ -20,11 +20,6 @@ MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
 
 
-def item_type_of(shape: int, colour: int, size: int) -> int:
-    """The index of an item type in ITEM_TYPES."""
-    return (shape * len(Colour) + colour) * len(Size) + size
-
-
 def action_count(cells: int) -> int:
     """The number of actions on a grid with `cells` cells."""
     return 1 + cells * (ITEM_TYPE_COUNT + 1)
