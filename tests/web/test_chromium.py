@@ -44,22 +44,10 @@ PAGES = (
 
 
 @contextmanager
-def served(directory: Path, **options: Any) -> Iterator[str]:
-    """Runs a server in a thread; yields its URL."""
+def served(directory: Path, **options: Any) -> Iterator[tuple[str, Any]]:
+    """Runs a server in a thread; yields its URL and application."""
     with server(directory, **options) as app, running(app) as port:
-        yield f"http://127.0.0.1:{port}"
-
-
-@contextmanager
-def opened(
-    browser: Any, directory: Path, *size: int, dark: bool = False, bypass_csp: bool = False, **options: Any
-) -> Iterator[Watched]:
-    """A page in a window of that size, on a server of its own with these options."""
-    with (
-        served(directory, **options) as url,
-        watched_page(browser, *size, dark=dark, bypass_csp=bypass_csp, url=url) as watched,
-    ):
-        yield watched
+        yield f"http://127.0.0.1:{port}", app
 
 
 @contextmanager
@@ -84,8 +72,8 @@ def browser() -> Iterator[Any]:
 @pytest.fixture
 def watched(browser, tmp_path) -> Iterator[Watched]:
     """A page on a server of its own."""
-    with opened(browser, tmp_path) as page:
-        yield page
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as opened:
+        yield opened
 
 
 @pytest.fixture
@@ -135,12 +123,6 @@ def _in_viewport(page: Any, selector: str) -> bool:
     return box["y"] >= 0 and box["y"] + box["height"] <= page.viewport_size["height"]
 
 
-def _pixels(page: Any, selector: str, size: tuple[int, int] | None = None) -> np.ndarray:
-    """What is shown there, resized to `size`."""
-    image = Image.open(io.BytesIO(page.locator(selector).screenshot())).convert("RGB")
-    return np.asarray(image.resize(size or image.size), np.int64)
-
-
 def _begin(page: Any) -> None:
     page.goto("/play?configuration=ScatterFlipIt&task=scatter-dev-025-a")
     page.wait_for_selector(".board.fine .cells button")
@@ -149,7 +131,7 @@ def _begin(page: Any) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_play__an_illegal_action_is_explained_below_the_scene_and_the_end_is_in_view(browser, tmp_path, size):
-    with opened(browser, tmp_path, *size) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
         page = watched.page
         _begin(page)
         cell = page.locator(".cells button[data-column='0'][data-row='1']")
@@ -185,7 +167,7 @@ def _annotate(page: Any) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_annotate__a_program_is_run_submitted_and_downloaded(browser, tmp_path, size):
-    with opened(browser, tmp_path, *size) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
         page = watched.page
         _annotate(page)
         shown = page.locator("#scenes img").count()
@@ -234,7 +216,7 @@ def test_annotate__the_text_and_the_name_survive_a_reload(watched):
 
 
 def test_watch__the_heat_map_leaves_items_alone(browser, tmp_path, runs):
-    with opened(browser, tmp_path, runs=runs) as watched:
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         page.goto("/watch")
         page.wait_for_selector("#recording option", state="attached")
@@ -242,9 +224,14 @@ def test_watch__the_heat_map_leaves_items_alone(browser, tmp_path, runs):
         page.wait_for_selector("#viewer .strip img")
         page.wait_for_selector(".heat rect[opacity]", state="attached")
         items = page.evaluate("sides[0].view.scene.items")
-        heated = _pixels(page, ".side .scene >> nth=0", (760, 200))
+
+        def pixels():
+            image = Image.open(io.BytesIO(page.locator(".side .scene").first.screenshot()))
+            return np.asarray(image.convert("RGB").resize((760, 200)), np.int64)
+
+        heated = pixels()
         page.click("#heat")
-        difference = np.abs(heated - _pixels(page, ".side .scene >> nth=0", (760, 200))).max(axis=2)
+        difference = np.abs(heated - pixels()).max(axis=2)
         assert items
         assert difference.max() > 10
         for item in items:
@@ -340,7 +327,7 @@ def test_home__is_a_playable_tower_task(watched):
 
 
 def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser, tmp_path):
-    with served(tmp_path) as url:
+    with served(tmp_path) as (url, _):
         context = browser.new_context(
             base_url=url, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True
         )
@@ -394,7 +381,7 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser, 
     pytest.importorskip("torch")
     dynamics = Settings("TowerFlipIt").dynamics()
     solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
-    with opened(browser, tmp_path) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         page.goto("/beat?seed=7")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
@@ -426,14 +413,19 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser, 
         with watched_page(browser) as other:
             other.page.goto(shared)
             other.page.wait_for_selector("#progress:has-text('Task 1 of 10')")
-            other.page.wait_for_selector("#episode:not([aria-busy]) .cells button")
             assert other.page.evaluate("tasks") == names
-            assert other.page.evaluate("episode.over") is False
+
+
+def test_explore__links_to_play_the_task(page):
+    page.goto("/explore/scatter/dev/scatter-dev-025-a")
+    page.locator("text=Play this task").last.click()
+    page.wait_for_selector(".board.fine .cells button")
+    assert page.inner_text("#statement")
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_pages__fit_360_pixels_and_load_no_external_resources(browser, tmp_path, dark):
-    with opened(browser, tmp_path, 360, 740, dark=dark) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark, url=url) as watched:
         for path in PAGES:
             watched.page.goto(path, wait_until="networkidle")
             if path in ("/play", "/game"):
@@ -450,20 +442,16 @@ def test_pages__fit_360_pixels_and_load_no_external_resources(browser, tmp_path,
 RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}"
 
 
-def _barriers(page: Any, script: str, where: str) -> list[str]:
-    """Accessibility violations that axe-core finds in the current state of the page."""
-    page.evaluate(script)
-    violations = page.evaluate(f"axe.run({RULES})")["violations"]
-    return [f"{where}: {each['id']}: {each['nodes'][0]['html'][:150]}" for each in violations]
-
-
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_pages__pass_axe_before_during_and_after_interaction(browser, tmp_path, runs, dark, width):
-    """The pages; the program editor with an error and with an agreeing program; the end of an episode and of a game."""
+def test_pages__pass_axe(browser, tmp_path, runs, dark, width):
     script = axe_script()
-    with opened(browser, tmp_path, width, dark=dark, bypass_csp=True, runs=runs) as watched:
-        page, found = watched.page, list[str]()
+    with (
+        served(tmp_path, runs=runs) as (url, _),
+        watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched,
+    ):
+        page = watched.page
+        found = []
         for path in PAGES:
             page.goto(path, wait_until="networkidle")
             if path in ("/play", "/game"):
@@ -476,7 +464,25 @@ def test_pages__pass_axe_before_during_and_after_interaction(browser, tmp_path, 
                 page.locator("#episodes button").first.click()
                 page.wait_for_selector("#viewer .strip img")
             found += _barriers(page, script, path)
+        assert found == []
+
+
+def _barriers(page: Any, script: str, where: str) -> list[str]:
+    """Accessibility violations that axe-core finds in the current state of the page."""
+    page.evaluate(script)
+    violations = page.evaluate(f"axe.run({RULES})")["violations"]
+    return [f"{where}: {each['id']}: {each['nodes'][0]['html'][:150]}" for each in violations]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [360, 1280])
+def test_pages__pass_axe_during_and_after_interaction(browser, tmp_path, dark, width):
+    """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
+    script = axe_script()
+    with served(tmp_path) as (url, _), watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched:
+        page, found = watched.page, list[str]()
         _annotate(page)
+        found += _barriers(page, script, "editor")
         page.fill("#program", "exist(")
         page.wait_for_selector("#program-fault:not(:empty)")
         found += _barriers(page, script, "editor with an error")
@@ -513,7 +519,7 @@ def runs(tmp_path_factory) -> Path:
 
 
 def test_watch__steps_through_two_recordings_by_keyboard(browser, tmp_path, runs):
-    with opened(browser, tmp_path, runs=runs) as watched:
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         page.goto("/watch")
         page.wait_for_selector("#episodes button")
@@ -581,12 +587,26 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched):
     _assert_clean(watched)
 
 
+def test_watch__offers_each_agent_where_it_can_play(page):
+    pytest.importorskip("torch")
+    page.goto("/watch")
+    offered = page.eval_on_selector_all(
+        "#request optgroup", "all => all.map(each => [each.label, [...each.children].map(one => one.text)])"
+    )
+    assert {label.split(" (")[0]: set(names) for label, names in offered}["ppo-tower"] == {
+        "TowerScratch",
+        "TowerFlipIt",
+    }
+    assert page.input_value("[name=play]") == "agent:parse-and-plan TowerFlipIt"
+
+
 def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(browser, tmp_path):
     """A corpus of Scatter alone: Tower is shown as missing, and no agent of Tower is offered."""
     pytest.importorskip("torch")
-    path = write_thin_corpus(tmp_path / "thin.jsonl", 40)
-    path.write_text("".join(line for line in path.read_text().splitlines(keepends=True) if '"tower"' not in line))
-    with opened(browser, tmp_path, corpus=str(path)) as watched:
+    scatter = [line for line in _corpus_lines(tmp_path) if '"tower"' not in line]
+    path = tmp_path / "scatter.jsonl"
+    path.write_text("".join(scatter))
+    with served(tmp_path, corpus=str(path)) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         for address in ("/annotate", "/explore"):
             page.goto(address)
@@ -599,6 +619,11 @@ def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(br
         disabled = page.eval_on_selector_all("#request optgroup:disabled", "all => all.map(each => each.innerText)")
         assert all("plays no tasks of this corpus" in text for text in disabled)
         assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
+
+
+def _corpus_lines(directory: Path) -> list[str]:
+    """A thin corpus of both appearances, line by line."""
+    return write_thin_corpus(directory / "thin.jsonl", 40).read_text().splitlines(keepends=True)
 
 
 def _play_out(page: Any) -> None:
@@ -620,12 +645,29 @@ def _play_out(page: Any) -> None:
     raise AssertionError("the game did not end")
 
 
+def test_beat__the_shared_address_begins_the_same_tasks_again(browser, tmp_path):
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched, watched_page(browser) as other:
+        page = watched.page
+        page.goto("/beat?seed=7")
+        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        page.click("#stop")
+        page.wait_for_selector("#rows tr")
+        other.page.goto(page.url)
+        other.page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        assert other.page.evaluate("tasks") == page.evaluate("tasks")
+        assert other.page.evaluate("episode.id") != page.evaluate("episode.id")
+        assert other.page.evaluate("episode.over") is False
+        page.reload()
+        page.wait_for_selector("#rows tr")
+
+
 def test_explore__the_link_to_recordings_opens_one_with_the_statement(browser, tmp_path):
     from tests.web.test_watch import record
 
     record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt")
     record(tmp_path / "runs" / "b", "random-legal", "TowerFlipIt")
-    with opened(browser, tmp_path, runs=tmp_path / "runs") as watched:
+    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         page.goto("/explore/tower/dev/tower-dev-001")
         title = page.inner_text("h1")
@@ -664,8 +706,10 @@ def test_play__a_double_click_acts_once(page):
     ("address", "said"),
     [
         ("/play?configuration=towerflipit", "there is no configuration “towerflipit”; choose from"),
+        ("/play?split=exam", "there is no split “exam”; choose from"),
         ("/play?task=nothing", "'nothing'"),
         ("/play#stale", "there is no such episode"),
+        ("/#stale", "there is no such episode"),
         ("/beat?configuration=tower", "there is no configuration “tower”"),
     ],
 )
@@ -702,7 +746,9 @@ def test_game__a_proposed_item_of_any_shape_is_outlined(page, shape):
         " board.proposed.classList.add('proposed'); }",
         shape,
     )
-    assert (np.abs(_pixels(page, "#board .scene") - (0xD6, 0x00, 0x6C)).max(axis=2) < 70).sum() > 100
+    picture = Image.open(io.BytesIO(page.locator("#board .scene").screenshot())).convert("RGB")
+    pixels = np.asarray(picture, np.int64)
+    assert (np.abs(pixels - (0xD6, 0x00, 0x6C)).max(axis=2) < 70).sum() > 100
 
 
 def test_play__in_forced_colours_the_tools_of_a_phone_have_icons(page):
@@ -710,9 +756,10 @@ def test_play__in_forced_colours_the_tools_of_a_phone_have_icons(page):
     page.emulate_media(forced_colors="active")
     _begin(page)
     for selector in ("[data-value=TRIANGLE]", "[data-value=BLUE]", "[data-value=LARGE]"):
-        shown, around = (_pixels(page, f".tools {selector}{part}") for part in (" .icon", ""))
-        middle = shown[len(shown) // 2, shown.shape[1] // 2]
-        assert (middle != around[len(around) // 2, 5]).any(), selector
+        shown = Image.open(io.BytesIO(page.locator(f".tools {selector} .icon").screenshot())).convert("RGB")
+        around = Image.open(io.BytesIO(page.locator(f".tools {selector}").screenshot())).convert("RGB")
+        middle = shown.getpixel((shown.width // 2, shown.height // 2))
+        assert middle != around.getpixel((5, around.height // 2)), selector
 
 
 def test_annotate__a_completion_writes_a_call_only_where_a_value_is_expected(page):
