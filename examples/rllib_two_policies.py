@@ -75,7 +75,9 @@ class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
         seen = [nn.functional.one_hot(parts["item_array"][..., 3].long() + 1, COLOURS).flatten(1)]
         for name, count in self.others.items():
             part = parts[name]
-            seen.append(nn.functional.one_hot(part.long(), count) if part.ndim == 1 else part / 10)
+            if count and part.ndim == 1:  # not yet one-hot
+                part = nn.functional.one_hot(part.long(), count)
+            seen.append(part if count else part / 10)
         scene = self.scene(torch.cat([each.float() for each in seen], 1))
         read = self.words(parts["statement"].long()).sum(1) if "statement" in parts else torch.ones_like(scene)
         return self.body(torch.cat([scene * read, scene], 1))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -39,7 +40,7 @@ except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[torchrl,pettingzoo]"')
 
 GROUPS = ("proposer", "verifier")  # TorchRL's, of one agent each
-ENCODED = ("item_array", "statement")  # parts of observations with an encoding of their own
+OTHERS = {"target": 1, "message": 1, "proposal": 10, "refused": 10}  # what agents may see besides, and its scale
 JOINT: dict[str, Any] = {"protocol": "joint", "views": "structured"}
 GUIDE: dict[str, Any] = {  # the verifier has a message for each action
     "protocol": "critique",
@@ -67,24 +68,21 @@ def make_env(corpus: str, *, guide: bool = False) -> EnvBase:
 
 
 class Network(nn.Module):
-    """From items, statement and the other parts that an agent sees to `outputs` values; any leading batch axes.
+    """From the parts of an observation with these names to `outputs` values; any number of leading batch axes."""
 
-    `words`: of the statement; 0 for an agent that does not see it.
-    """
-
-    def __init__(self, words: int, outputs: int, width: int) -> None:
+    def __init__(self, names: Sequence[str], words: int, outputs: int, width: int) -> None:
         super().__init__()
-        self.words = nn.Embedding(words, width, padding_idx=0) if words else None
+        self.names = names
+        self.words = nn.Embedding(words, width, padding_idx=0)
         self.scene = nn.Sequential(nn.LazyLinear(width), nn.ReLU(), nn.Linear(width, width))
         self.head = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU(), nn.Linear(width, outputs))
 
-    def forward(self, items: Tensor, *parts: Tensor) -> Tensor:
-        statement, *others = parts if self.words else (None, *parts)
-        colours = nn.functional.one_hot(items[..., 3].long() + 1, 5).flatten(-3)  # of the items in each box
-        # Discrete parts are one-hot vectors of bits; proposals are whole numbers.
-        seen = [part.float() if part.dtype in (torch.bool, torch.int8) else part / 10 for part in others]
-        scene = self.scene(torch.cat([colours.float(), *seen], -1))
-        read = self.words(statement).sum(-2) if self.words else torch.ones_like(scene)
+    def forward(self, *parts: Tensor) -> Tensor:
+        seen = dict(zip(self.names, parts, strict=True))
+        colours = nn.functional.one_hot(seen["item_array"][..., 3].long() + 1, 5).flatten(-3)  # of items in each box
+        others = [seen[name] / scale for name, scale in OTHERS.items() if name in seen]
+        scene = self.scene(torch.cat([colours.float(), *others], -1))
+        read = self.words(seen["statement"]).sum(-2) if "statement" in seen else torch.ones_like(scene)
         return self.head(torch.cat([scene * read, scene], -1))
 
 
@@ -99,10 +97,10 @@ class Learner(NamedTuple):
 
 def make_learner(env: EnvBase, group: str, width: int) -> Learner:
     seen, action = env.observation_spec[group, "observation", "observation"], env.full_action_spec[group, "action"]
-    names = [*(name for name in ENCODED if name in seen.keys()), *(name for name in seen.keys() if name not in ENCODED)]  # noqa: SIM118
+    names = [name for name in ("item_array", "statement", *OTHERS) if name in seen.keys()]  # noqa: SIM118
     parts = [(group, "observation", "observation", name) for name in names]
-    words = int(seen["statement"].space.high.max()) + 1 if "statement" in names else 0
-    network = TensorDictModule(Network(words, action.space.n, width), parts, [(group, "logits")])
+    words = int(seen["statement"].space.high.max()) + 1 if "statement" in names else 1
+    network = TensorDictModule(Network(names, words, action.space.n, width), parts, [(group, "logits")])
     actor = ProbabilisticActor(
         network,
         in_keys={"logits": (group, "logits"), "mask": (group, "action_mask")},
@@ -111,7 +109,7 @@ def make_learner(env: EnvBase, group: str, width: int) -> Learner:
         return_log_prob=True,
         log_prob_key=(group, "log_probability"),
     )
-    critic = ValueOperator(Network(words, 1, width), in_keys=parts, out_keys=[(group, "value")])
+    critic = ValueOperator(Network(names, words, 1, width), in_keys=parts, out_keys=[(group, "value")])
     critic(actor(env.reset()))  # shapes the lazy layers
     loss = ClipPPOLoss(actor, critic, entropy_coeff=0.02, critic_coeff=0.5, normalize_advantage=True)
     keys = {name: (group, name) for name in ("reward", "done", "terminated", "advantage", "value_target", "value")}
