@@ -60,11 +60,11 @@ def check_goals(corpus, appearance, rounds):
         for env_id, goal in enumerate(buffers.goal.tolist()):
             state = core.state(env_id)
             assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
-        assert 0.05 < buffers.goal.mean() < 0.95
         core.write_masks()
         buffers.mask[:, 0] = False
         buffers.action[:] = (buffers.mask * chance.random(buffers.mask.shape)).argmax(axis=1)  # legal edits
         core.step(None)
+    assert buffers.goal.sum() > 20  # in the last round
 
 
 OPERATIONS = {
