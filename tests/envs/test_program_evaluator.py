@@ -45,7 +45,7 @@ def test_goals__equal_the_values_of_every_official_program(appearance):
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance):
-    check_goals("builtin", appearance, 2)
+    check_goals("builtin", appearance, 3)
 
 
 def check_goals(corpus, appearance, rounds):
@@ -64,7 +64,7 @@ def check_goals(corpus, appearance, rounds):
         buffers.mask[:, 0] = False
         buffers.action[:] = (buffers.mask * chance.random(buffers.mask.shape)).argmax(axis=1)  # legal edits
         core.step(None)
-    assert buffers.goal.sum() > 20  # in the last round
+    assert buffers.goal.sum() > 10  # in the last round
 
 
 OPERATIONS = {
