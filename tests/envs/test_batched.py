@@ -196,7 +196,7 @@ def test_masked_reset__has_infos_of_the_reset_alone(mode):
 
 
 def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
-    env = batch(SCATTER, 16, copy=False, corpus=str(own_corpus))
+    env = batch(SCATTER, 8, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)
     generator = np.random.default_rng(0)
 
@@ -204,14 +204,14 @@ def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
         for _ in range(steps):
             env.step(random_actions(env.action_masks(), generator))
 
-    play(50)
-    tracemalloc.start()
     play(30)
+    tracemalloc.start()
+    play(20)
     first = tracemalloc.get_traced_memory()[0]
-    play(60)
+    play(40)
     growth = tracemalloc.get_traced_memory()[0] - first
     tracemalloc.stop()
-    assert growth < 400_000
+    assert growth < 300_000
 
 
 @pytest.mark.parametrize(("id", "count"), [(TOWER, 4), (TOWER, 9), (SCATTER, 9)])

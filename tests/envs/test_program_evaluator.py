@@ -45,7 +45,7 @@ def test_goals__equal_the_values_of_every_official_program(appearance):
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance):
-    check_goals("builtin", appearance, 2)
+    check_goals("builtin", appearance, 3)
 
 
 def check_goals(corpus, appearance, rounds):
@@ -60,11 +60,11 @@ def check_goals(corpus, appearance, rounds):
         for env_id, goal in enumerate(buffers.goal.tolist()):
             state = core.state(env_id)
             assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
-        assert 0.05 < buffers.goal.mean() < 0.95
         core.write_masks()
         buffers.mask[:, 0] = False
         buffers.action[:] = (buffers.mask * chance.random(buffers.mask.shape)).argmax(axis=1)  # legal edits
         core.step(None)
+    assert buffers.goal.sum() > 10  # in the last round
 
 
 OPERATIONS = {
