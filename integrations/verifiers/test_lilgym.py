@@ -116,7 +116,7 @@ def test_turns__with_pictures_give_the_regret_of_each(tmp_path: Path):
     assert all(regret == 0 for trace in traces for regret in trace["info"]["regrets"][1:])
     longest = max(chat.requests, key=len)
     pictures = [message for message in longest if message["role"] == "user" and "image_url" in str(message["content"])]
-    assert len(pictures) == max(lengths) - 1
+    assert len(pictures) == max(lengths)
 
 
 def test_game__is_won_by_a_builder_who_sees_no_statement_and_a_guide(tmp_path: Path):
