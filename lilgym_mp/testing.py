@@ -281,6 +281,7 @@ class _SB3:
     def step(self, actions: list[Any]) -> Results:
         results = {name: np.array(self._env.env_method(name)) for name in READ}
         results |= zip(("observations", "rewards", "dones", "infos"), self._env.step(np.array(actions)), strict=True)
+        results["rewards"] = results["rewards"].astype(np.float32)  # SubprocVecEnv has float64
         for info, done in zip(results["infos"], results["dones"], strict=True):
             info.pop("episode", None)  # of a monitor
             if not done:
