@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from itertools import product
 
 import gymnasium as gym
 
 from lilgym_mp.scene.appearances import APPEARANCES, Builder
-from lilgym_mp.scene.choices import choose, load_extensions, register
+from lilgym_mp.scene.choices import choose, register
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
@@ -18,13 +18,8 @@ def configuration_name(appearance: str = "tower", start: str = "scratch") -> str
     return f"{appearance.capitalize()}{choose('start', start, START_TITLES)}"
 
 
-def configurations() -> Mapping[str, tuple[str, str]]:
-    """Appearance and start of every configuration, by its name."""
-    known = [(appearance, start) for appearance in APPEARANCES for start in START_TITLES]
-    return {configuration_name(*parts): parts for parts in known}
-
-
-CONFIGURATIONS = dict(configurations())  # with those of registered appearances
+# Appearance and start of every configuration, by its name; with those of registered appearances
+CONFIGURATIONS = {configuration_name(*parts): parts for parts in product(APPEARANCES, START_TITLES)}
 BUILTIN_CONFIGURATIONS = tuple(CONFIGURATIONS)  # of the package's own appearances
 
 
@@ -33,9 +28,7 @@ def read_configuration(name: str) -> tuple[str, str]:
     bare = name
     if isinstance(name, str):
         bare = name.removeprefix("lilgym_mp:").removeprefix("lilgym_mp/").removesuffix("-v0")
-    if bare not in configurations():
-        load_extensions()
-    return choose("configuration", bare, configurations())
+    return choose("configuration", bare, CONFIGURATIONS)
 
 
 def environment_id(appearance: str, start: str) -> str:
@@ -50,14 +43,14 @@ def register_appearance(name: str, build: str | Builder) -> None:
     Raises ValueError for a name that is taken.
     """
     register("appearance", name, build, APPEARANCES)
-    CONFIGURATIONS.update(configurations())
+    CONFIGURATIONS.update({configuration_name(name, start): (name, start) for start in START_TITLES})
     register_all()
 
 
 def register_all() -> None:
     """Makes every configuration known to `gymnasium.make`, and the new id of each of the release's; does nothing the
     second time."""
-    for configuration, parts in configurations().items():
+    for configuration, parts in CONFIGURATIONS.items():
         name = environment_id(*parts)
         if name not in gym.registry:
             gym.register(

@@ -11,6 +11,7 @@ from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.generator.pairs import TEMPLATES
 from lilgym_mp.corpus.generator.tower import TowerStatements
+from lilgym_mp.envs import registration
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
@@ -23,6 +24,8 @@ from tests.envs.lamps import NAME, Lamps
 def known(monkeypatch):
     """The new appearance is known for the time of the test."""
     monkeypatch.setitem(appearances.APPEARANCES, NAME, lambda grid: Lamps())
+    for start in registration.START_TITLES:
+        monkeypatch.setitem(registration.CONFIGURATIONS, registration.configuration_name(NAME, start), (NAME, start))
 
 
 @pytest.fixture

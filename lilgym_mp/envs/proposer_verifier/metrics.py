@@ -155,7 +155,8 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     if not records:
         raise ValueError("cannot summarise zero games")
     counts = _counts_by_statement(records)  # (statements, targets, counts)
-    total, resampled = counts.sum(0), _resampled(counts)
+    total = counts.sum(0)
+    resampled = np.einsum("bs,stc->btc", drawn_counts(len(counts), RESAMPLES), counts)  # statements with replacement
     j, js = (mean_j(each, each[..., 0] > 0) for each in (total, resampled))
     has_j = not np.isnan(j)
     measures: dict[str, Any] = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
@@ -206,11 +207,6 @@ def mean_j(counts: Float64Array, averaged: BoolArray) -> Float64Array:
     """(...) the mean J over the target values in the mask, from counts (..., 2, 6); NaN where one's is."""
     with np.errstate(invalid="ignore"):
         return np.where(averaged, claim_rates(counts)["j"], 0).sum(-1) / averaged.sum(-1)
-
-
-def _resampled(counts: Float64Array) -> Float64Array:
-    """(RESAMPLES, 2, 6) counts of statements drawn with replacement, always the same draws."""
-    return np.einsum("bs,stc->btc", drawn_counts(len(counts), RESAMPLES), counts)
 
 
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:
