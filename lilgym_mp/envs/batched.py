@@ -109,10 +109,18 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         """The tasks that are played; `change_tasks` replaces them."""
         return self._tasks
 
+    @tasks.setter
+    def tasks(self, tasks: TaskSet) -> None:
+        raise AttributeError("the tasks of a batch cannot be set; call change_tasks(lambda tasks: ...), then reset")
+
     @property
     def sampler(self) -> Sampler | None:
         """What chooses the tasks, if it is not the uniform distribution."""
         return self._sampler
+
+    @sampler.setter
+    def sampler(self, sampler: Sampler | None) -> None:
+        raise AttributeError("the sampler of a batch cannot be set; pass sampler=... when making the batch")
 
     @property
     def np_random(self) -> np.random.Generator:
