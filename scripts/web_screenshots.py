@@ -126,7 +126,7 @@ def _play_ten(page: Page) -> None:
         if number < 10:
             page.click("#next")
     page.wait_for_selector("#share:not([hidden])")
-    page.wait_for_function("document.querySelector('#picture').naturalWidth > 0")
+    page.evaluate("document.querySelector('#picture').decode()")
 
 
 def _wait_for(selector: str) -> Callable[[Page], None]:
