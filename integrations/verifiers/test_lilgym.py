@@ -75,15 +75,9 @@ def text_of(content: Any) -> str:
 
 
 def plans(**settings: Any) -> dict[str, list[str]]:
-    """The expert's actions, by statement."""
+    """The expert's actions, by prompt."""
     tasks = LilgymTaskset(LilgymConfig(id="lilgym", size=2, **settings)).load()
-    rows = [Row.from_json(task.data.row) for task in tasks]
-    return {row.task.statement: expert_reply(row).splitlines() for row in rows}
-
-
-def plan_of(told: Told, known: dict[str, list[str]]) -> list[str]:
-    first = next(text for role, text in told if role == "user")
-    return known[re.findall(r"Statement: (.*)", first)[0]]
+    return {task.data.prompt_text: expert_reply(Row.from_json(task.data.row)).splitlines() for task in tasks}
 
 
 @pytest.mark.parametrize(("reason", "reward"), [("stop", "0.50"), ("length", "0.00")])
@@ -92,7 +86,7 @@ def test_command__scores_one_reply_to_each_task_unless_it_was_cut(tmp_path: Path
     first = next(iter(known))
 
     def reply(told: Told) -> tuple[str, str]:
-        return ("\n".join(known[first]) if first in told[-1][1] else "no idea"), reason
+        return ("\n".join(known[first]) if told[-1][1] == first else "no idea"), reason
 
     printed, _ = Chat(reply).evaluated(ONE, tmp_path)
     assert f"verified {reward}" in printed, printed
@@ -105,7 +99,8 @@ def test_turns__with_pictures_give_the_regret_of_each(tmp_path: Path):
         replies = [text for role, text in told if role == "assistant"]
         if not replies:
             return "ADD(LEFT, BLUE)", "length"  # was cut, and so is asked for again
-        return plan_of(told, known)[len(replies) - 1], "stop"
+        first = next(text for role, text in told if role == "user")
+        return known[first][len(replies) - 1], "stop"
 
     chat = Chat(reply)
     _, traces = chat.evaluated(f"{ONE} --env.taskset.turns true --env.taskset.scene image", tmp_path)
