@@ -26,6 +26,7 @@ SUPPORTED = (
     "exist(all_items) and is_top(unique(filter_color(all_boxes[0], Color.BLUE)))",
     "All(filter_obj(all_boxes, lambda b: b.is_tower()), lambda b: count(b) < 3)",
     "count(filter_obj(filter_obj(all_boxes, lambda b: b.is_tower()), lambda b: count(b) < 3)) == 1",
+    "exist(filter_obj(combinations(all_items, 2), lambda p: all_same_color(p) and p[0].box != p[1].box))",
     "all_same_attribute(filter_obj(all_boxes, lambda b: b), lambda b: count(filter_color(b, Color.BLUE)))",
     "count(filter_obj(all_boxes, lambda b: exist(get_above(b)))) == 1",
     "All(all_items, lambda x: equal_color(query_color(x), [Color.BLUE]) or x.color in {Color.BLACK, Color.YELLOW})",

@@ -7,6 +7,7 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import cache, lru_cache
@@ -142,4 +143,6 @@ NAMES: dict[str, Any] = {
     "bits": _bits,
     "only": _only,
     "union": _union,
+    "choose": itertools.combinations,
+    "comb": math.comb,
 }

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import NamedTuple, cast
@@ -348,6 +349,9 @@ class Generator:
         function = self.function(node.arguments[1])
         name = node.word.name
         strict = name != "filter_obj"
+        if isinstance(collection, ir.Combinations) and name != "All":
+            found = self.filter_combinations(function, collection, scope, strict=strict)
+            return found if name == "filter_obj" else ir.existence(found)
         if isinstance(collection, ir.StaticList):
             found = self.filter_static(function, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_static(name, collection, found)
@@ -378,18 +382,52 @@ class Generator:
         ]
         return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
 
-    def combinations(self, s: ir.Value, k: ir.Value) -> ir.StaticList:
-        """Code for subsets of elements that are known beforehand."""
+    def combinations(self, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
+        """Code for subsets: of items for sizes 2 and 3, else of elements that are known beforehand."""
         if not isinstance(k, ir.Int) or not isinstance(k.code, ir.Number):
             ir.unsupported("size")
+        size = k.code.value
+        if isinstance(s, ir.Items) and size in (2, 3):
+            count = math.comb(ir.MAX_ITEMS, size)
+            if len({part.box for part in s.parts}) != len(s.parts) or count > costs.SIZE_LIMIT:
+                ir.unsupported("combinations")
+            self.charge(costs.SUBSET_ELEMENT * (1 + 2 * size) * count)  # at most 2 elements an item: `ResultSize`
+            items = ir.operate("+", *(part.count for part in s.parts))
+            return ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
         if not isinstance(s, ir.StaticList) or not s.unconditional:
             ir.unsupported("combinations")
-        size = k.code.value
         count = math.comb(len(ir.settled(s).elements), size)
         if count > MAX_TUPLES:
             ir.unsupported("combinations of many")
         self.charge(costs.SUBSET_ELEMENT * (1 + size) * (1 + count) * ir.max_elements(s))
         return ir.static_list(map(ir.static_list, itertools.combinations(s.elements, size)))
+
+    def filter_combinations(
+        self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
+    ) -> ir.Combinations:
+        """Code for the number of subsets of items that meet a condition."""
+        if collection.filtered:
+            ir.unsupported("combinations filtered twice")
+        counts: list[ir.Code] = []
+        total = collection.total
+        for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
+            items: list[ir.ItemRef] = []
+            loops: list[tuple[tuple[str, ...], ir.Code]] = []
+            sizes = Counter(parts)
+            for part, size in sizes.items():
+                names = tuple(f"i{self.variables + index + 1}" for index in range(size))
+                self.variables += size
+                items.extend(ir.ItemRef(ir.LoopIndex(name), box=part.box) for name in names)
+                loops.append((names, part.mask))
+            choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes.values())
+            max_runs, self.max_runs = self.max_runs, self.max_runs * choices
+            self.charge_lambda(function.body)
+            chosen: ir.Scope = {**scope, function.parameter: ir.static_list(items)}
+            condition = self.condition(function.body, chosen, strict=strict)
+            self.max_runs = max_runs
+            total = total and condition.total
+            counts.append(ir.TupleCount(tuple(loops), condition.code))
+        return ir.Combinations(collection.parts, collection.size, ir.operate("+", *counts), total, filtered=True)
 
     def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
         """Whether some element is present, and those that are have equal values, two by two."""

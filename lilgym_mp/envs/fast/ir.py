@@ -6,6 +6,7 @@ evaluating a value never raises.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -126,6 +127,14 @@ class Where(Code):
 
     index: str
     mask: Code
+    condition: Code
+
+
+@dataclass(frozen=True)
+class TupleCount(Code):
+    """The number of tuples of items that satisfy the condition; a loop has its indices, and the mask they are from."""
+
+    loops: tuple[tuple[tuple[str, ...], Code], ...]
     condition: Code
 
 
@@ -253,7 +262,18 @@ class StaticList:
         return all(condition == TRUE for condition in self.conditions)
 
 
-Value = Bool | Int | AttributeValue | AttributeSet | ItemRef | BoxRef | Items | StaticList
+@dataclass(frozen=True)
+class Combinations:
+    """The list of `size`-element tuples of the items in `parts`; only its length is represented."""
+
+    parts: tuple[BoxItems, ...]
+    size: int
+    count: Code
+    total: bool = True
+    filtered: bool = False
+
+
+Value = Bool | Int | AttributeValue | AttributeSet | ItemRef | BoxRef | Items | StaticList | Combinations
 Scope = dict[str, Value]
 
 
@@ -294,6 +314,8 @@ def max_elements(value: Value) -> int:
             return 1 + len(enum)
         case StaticList(elements=elements):
             return 1 + len(elements) + sum(max_elements(e) for e in elements if isinstance(e, StaticList))
+        case Combinations(parts=parts, size=size):
+            return 1 + math.comb(len(parts) * box_functions.MAX_BOX_ITEMS, size) * (1 + size)
         case _:
             return 1
 
@@ -333,8 +355,17 @@ def negate(truth: Bool) -> Bool:
 
 
 def as_collection(value: Value) -> Value:
-    """A box as Items; other values are returned unchanged."""
-    return Items((BoxItems(value.box, None),), ordered=True) if isinstance(value, BoxRef) else value
+    """A box, or a tuple of items, as Items; other values are returned unchanged."""
+    if isinstance(value, BoxRef):
+        return Items((BoxItems(value.box, None),), ordered=True)
+    if isinstance(value, StaticList) and value.unconditional and value.elements:
+        parts: dict[str, list[Code]] = {}
+        for item in value.elements:  # one of several combinations, in scene order
+            if not isinstance(item, ItemRef):
+                return value
+            parts.setdefault(item.box, []).append(item.code)
+        return Items(tuple(BoxItems(box, bits_at(indices)) for box, indices in parts.items()), ordered=True)
+    return value
 
 
 def as_truth(value: Value) -> Bool:
@@ -344,7 +375,7 @@ def as_truth(value: Value) -> Bool:
             return truth
         case Int(code=code) | AttributeSet(code=code):
             return Bool(operate("!=", code, Number(0)), value.total)
-        case Items() | StaticList() as collection:
+        case Items() | StaticList() | Combinations() as collection:
             return existence(collection)
         case _:
             if not value.total:
@@ -359,9 +390,11 @@ def settled(value: StaticList) -> StaticList:
     return value
 
 
-def existence(value: Items | StaticList) -> Bool:
+def existence(value: Items | StaticList | Combinations) -> Bool:
     """Whether the collection has any element."""
-    if isinstance(value, StaticList):
+    if isinstance(value, Combinations):
+        codes = [operate("!=", value.count, Number(0))]
+    elif isinstance(value, StaticList):
         codes = [condition.code for condition in settled(value).conditions]
     else:
         codes = [part.nonempty for part in value.parts]

@@ -17,6 +17,7 @@ CALLS = {  # operators that are not written between their operands
     "only": "only({})",
     "row": "{}[{}]",
     "union": "union({}, {})",
+    "comb": "comb({}, {})",
 }
 
 
@@ -76,6 +77,9 @@ class _Printer:
             case ir.Where(index=index, mask=mask, condition=condition):
                 condition = self.text(condition, in_loop=True)
                 return f"sum([1 << {index} for {index} in bits({inner(mask)}) if {condition}])"
+            case ir.TupleCount(loops=loops, condition=condition):
+                fors = (f"for {', '.join(n)}, in choose(bits({inner(mask)}), {len(n)})" for n, mask in loops)
+                return f"sum([1 {' '.join(fors)} if {self.text(condition, in_loop=True)}])"
             case ir.Apply(operator=operator, operands=operands):
                 return _applied(operator, list(map(inner, operands)))
             case _:

@@ -14,7 +14,7 @@ from lilgym_mp.programs.words import WORDS, Word
 
 
 def _lower_exist(s: ir.Value) -> ir.Bool:
-    if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet):
+    if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet | ir.Combinations):
         ir.unsupported("exist")
     return ir.as_truth(s)
 
@@ -25,6 +25,8 @@ def _lower_count(s: ir.Value) -> ir.Int:
             return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
         case ir.AttributeSet():
             return ir.Int(ir.operate("bit_count", s.code), s.total)
+        case ir.Combinations():
+            return ir.Int(s.count, s.total)
         case ir.StaticList():
             present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
             for index, (element, condition) in enumerate(zip(ir.settled(s).elements, s.conditions, strict=True)):
