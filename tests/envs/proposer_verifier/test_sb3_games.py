@@ -21,7 +21,7 @@ from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.testing import assert_same, check_sb3_games
 
 PROPOSER, VERIFIER = AGENTS
-GAMES, STEPS = 4, 20
+GAMES, STEPS = 4, 25
 
 
 def claims_after_two_edits(turn):
