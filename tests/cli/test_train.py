@@ -100,9 +100,13 @@ def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch,
 def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     """In a terminal, Ctrl-C signals the whole process group."""
     directory = tmp_path / "run"
-    command = f"{sys.executable} -m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}"
-    pipes = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
-    with subprocess.Popen(command.split(), **pipes, text=True, start_new_session=True) as process:
+    program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
+    (tmp_path / "main.py").write_text(program)
+    words = f"train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}".split()
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "main.py", *words], **pipes, text=True, start_new_session=True
+    ) as process:
         while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
