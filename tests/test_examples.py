@@ -69,6 +69,7 @@ def test_demo__writes_results_recordings_and_films(tmp_path, capsys):
             assert frames.n_frames > 1
 
 
+@pytest.mark.long
 def test_self_play__grows_both_pools_and_writes_the_curve(run, tmp_path):
     small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
     printed = run("self_play.py", "--rounds", "1", "--steps", "64", "--out", "played", "--", *small)

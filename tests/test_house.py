@@ -210,7 +210,7 @@ def test_core__plays_without_docstrings():
 @pytest.mark.parametrize(
     ("use", "limit"),
     [
-        ("scatter", 6_150),
+        ("scatter", 6_170),
         pytest.param("ppo", 13_750, marks=pytest.mark.long),
         pytest.param("train ppo", 14_500, marks=pytest.mark.long),
     ],

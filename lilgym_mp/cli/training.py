@@ -60,7 +60,8 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     options.check_at_least(args, 1, "threads")
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
-    learner.check(settings, recipe)
+    if learner.check is not None:
+        learner.check(settings, recipe)
     unit, total = learner.budget(recipe, own)
     board: Callable[[], Any] | None = None
     if args.tensorboard:

@@ -44,6 +44,7 @@ def few_actions(monkeypatch) -> None:
     monkeypatch.setattr(bench, "Workload", lambda settings, name, actions: Workload(settings, name, 110))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_actions")
 def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(capsys, monkeypatch):
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: player.steps / player.play())

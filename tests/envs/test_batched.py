@@ -195,6 +195,7 @@ def test_masked_reset__has_infos_of_the_reset_alone(mode):
     assert infos["_task"].tolist() == [True, False]
 
 
+@pytest.mark.long
 def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
     env = batch(SCATTER, 8, copy=False, corpus=str(own_corpus))
     env.reset(seed=0)

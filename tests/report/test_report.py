@@ -166,6 +166,7 @@ def test_latex__has_minus_signs():
     assert "$-$1.50" in Table("Figure 3", "Mean reward", ("agent", "reward"), (("mine", -1.5),)).latex()
 
 
+@pytest.mark.long
 def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path):
     written(tmp_path / "kept")
     page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()

@@ -421,6 +421,7 @@ def word_mutants(program: str) -> Iterator[str]:
         yield program.replace(match[0], f"(count({match[1]}) == 1)", 1)
 
 
+@pytest.mark.long
 def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
     rewards = []
     for appearance, level in product(APPEARANCES, (1, 3, 5)):

@@ -60,7 +60,9 @@ class TakesTheMask(gym.vector.VectorWrapper):
         return started
 
 
-@pytest.mark.parametrize("wrap", [potential_shaping_v0, partial(stop_forcing_v0, mode="replace")], ids=["shaping", "forcing"])
+@pytest.mark.parametrize(
+    "wrap", [potential_shaping_v0, partial(stop_forcing_v0, mode="replace")], ids=["shaping", "forcing"]
+)
 def test_partial_resets__equal_those_of_single_environments(wrap):
     make = lambda **settings: wrap(TakesTheMask(gym.make_vec(TOWER, **settings)))  # noqa: E731
     modes = [AutoresetMode.DISABLED, AutoresetMode.NEXT_STEP]

@@ -30,7 +30,7 @@ class Learner:
     config: type[EnvConfig] | None = EnvConfig  # None: one agent plays all configurations of the option `corpus`
     directory: str = "{learner}-{configuration}"  # default name of a run's
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
-    check: Callable[[Any, Any], object] = lambda settings, recipe: None  # raises ValueError, before data are prepared
+    check: Callable[[Any, Any], object] | None = None  # of the configuration and recipe, before data are prepared
 
     @property
     def option_names(self) -> list[str]:

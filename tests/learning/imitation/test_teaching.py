@@ -44,6 +44,7 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
         assert accuracy(open_agent(tmp_path / "run"), replace(settings, configuration=name)) == 1
 
 
+@pytest.mark.long
 def test_taught_network__learns_legal_edits_first_and_once(statements, tmp_path, monkeypatch):
     settings, updates = Settings("ScatterFlipIt", corpus=statements), list[int]()
     teacher = teacher_of(2, statements, tmp_path / "teacher", "ScatterFlipIt")

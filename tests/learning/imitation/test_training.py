@@ -39,6 +39,7 @@ def test_training__solves_three_statements_in_seconds(statements, tmp_path):
     assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
 
 
+@pytest.mark.long
 def test_resume__continues_interrupted_pretraining(statements, tmp_path, monkeypatch):
     settings = Settings("ScatterFlipIt", corpus=statements)
     recipe = small_recipe(settings, pretraining=0.4)

@@ -197,6 +197,7 @@ def test_training__is_reproducible_by_seed(own, tmp_path):
     assert not equal(tmp_path / "one", tmp_path / "three")
 
 
+@pytest.mark.long
 def test_calibration__is_of_the_probabilities_of_the_agent(thin, tmp_path, monkeypatch):
     calibrated = []
     monkeypatch.setattr(training, "calibrated_temperature", lambda predictions: 0.25)
