@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any, NamedTuple, SupportsIndex, cast
 
 from lilgym_mp.scene import Colour, Shape, Size
@@ -111,6 +112,7 @@ _FORMS: Mapping[type[Action], tuple[str, Sequence[Any]]] = {
 }
 
 
+@lru_cache(maxsize=20_000, typed=True)  # actions of two classes can be equal, as tuples
 def describe(action: Action) -> str:
     """The action as people write it, such as ADD(LEFT, BLUE) or REMOVE(3, 4)."""
     verb, kinds = _FORMS[type(action)]
