@@ -218,8 +218,8 @@ def test_command__beyond_loopback_prints_a_link_that_opens_the_pages(tmp_path, c
     try:
         assert "0.0.0.0" not in link
         assert not chosen or link.endswith(f"?token={TOKEN}")
-        assert httpx.get(link.partition("?")[0]).status_code == 401
-        with httpx.Client(follow_redirects=True) as client:
+        assert httpx.get(link.partition("?")[0], timeout=60).status_code == 401
+        with httpx.Client(follow_redirects=True, timeout=60) as client:
             assert client.get(link).status_code == 200
             assert client.get(link.replace("/?", "/play?")).status_code == 200
     finally:
