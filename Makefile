@@ -48,7 +48,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-demo: install  ## train two agents in about three minutes and evaluate them
+demo: install  ## train two agents in about four minutes and evaluate them
 	@$(BIN)/python examples/demo.py $(ARGS)
 
 test: install  ## run the tests, without the long ones and without lint

@@ -1,4 +1,4 @@
-"""Train two agents in about three minutes, compare them with random policies and the expert, and film their episodes.
+"""Train two agents in about four minutes, compare them with random policies and the expert, and film their episodes.
 
     python examples/demo.py [DIRECTORY]
 
