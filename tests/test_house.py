@@ -212,7 +212,7 @@ def test_core__plays_without_docstrings():
     [
         ("scatter", 6_170),
         pytest.param("ppo", 13_750, marks=pytest.mark.long),
-        pytest.param("train ppo", 14_500, marks=pytest.mark.long),
+        pytest.param("train ppo", 14_550, marks=pytest.mark.long),
     ],
 )
 def test_package__loads_few_lines_for_a_use(use: str, limit: int):
