@@ -24,13 +24,14 @@ from lilgym_mp.contrib.report.aggregation import (
     mean_where,
     paired_difference,
 )
-from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind, failures
+from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind, failures, figure_10
 from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, Item, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import Recording
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
@@ -64,6 +65,22 @@ def rows(table: Any) -> list[tuple[Any, ...]]:
 def test_error_kind__without_the_experts_solution_is_a_later_stop():
     assert error_kind(replace(EPISODES[3], actions_left=None)) == "later stop"
     assert error_kind(episode("horizon", *["REMOVE(0, 0)"] * 12)) == "horizon"
+
+
+def test_figure_10__counts_the_edits_of_each_cell_by_kind(tmp_path):
+    written(tmp_path)
+    (chart,) = figure_10(load_report_data([tmp_path]))
+    maps = {axes.get_title(loc="left"): axes.images[0].get_array() for axes in chart.figure.axes if axes.images}
+    assert list(maps) == ["mine, ScatterFlipIt, 1 ADD", "mine, ScatterFlipIt, 5 REMOVE"]
+    added, removed = maps.values()
+    assert added[4, 0] == added.sum() == 100
+    assert (removed[0, 0], removed[4, 18], removed.sum()) == (80, 20, 100)
+
+
+def test_figure_10__without_edits_of_cells_says_so(tmp_path):
+    written(tmp_path, settings=Settings("TowerFlipIt"), episodes=[episode("wrong_stop", "STOP")])
+    (item,) = figure_10(load_report_data([tmp_path]))
+    assert item.note == "no recorded edit names a cell of a grid"
 
 
 def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():

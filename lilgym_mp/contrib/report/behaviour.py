@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from urllib.parse import urlencode
 
+import numpy as np
+
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import Value
-from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_strips, line_chart
+from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_strips, heat_maps, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
@@ -19,7 +21,8 @@ from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, outcome_words
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
 from lilgym_mp.scene.appearances import InvalidReason
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.appearances.grids import checked_grid
+from lilgym_mp.scene.arrays import Float64Array, UInt8Array
 from lilgym_mp.scene.render import draw
 
 ROLLOUT_STATISTICS: Mapping[str, Value] = {
@@ -51,6 +54,26 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     )
     yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, "", data.looks), note=note)
     yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT_STATISTICS), rows)
+
+
+def figure_10(data: ReportData) -> Iterator[Item]:
+    """For each agent, the share of its edits that name each cell of the scene's grid."""
+    title = f"Where edits go on {data.main_split}"
+    maps: dict[str, Float64Array] = {}
+    for entry in (entry for configuration in data.configurations for entry in data.of(configuration)):
+        actions = [action for run in entry.runs for episode in run.episodes for action in episode.actions]
+        for name, kind in (("ADD", AddItem), ("REMOVE", RemoveItem)):
+            cells = [(action.row, action.column) for action in actions if isinstance(action, kind)]
+            if cells:
+                columns, rows = checked_grid(entry.header.settings.grid)
+                counts = np.zeros((rows, columns))
+                np.add.at(counts, tuple(np.transpose(cells)), 1)
+                maps[f"{entry.agent}, {entry.configuration}, {len(cells):,} {name}"] = 100 * counts / len(cells)
+    if maps:
+        unit = "share of the edits of this kind, %"
+        yield Chart("Figure 10", title, heat_maps(maps, unit), note="Illegal edits count, too.")
+    else:
+        yield Item("Figure 10", title, note="no recorded edit names a cell of a grid")
 
 
 INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {

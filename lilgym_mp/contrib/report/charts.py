@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import Float64Array, UInt8Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +24,7 @@ INK = "#1d2733"
 FAINT = "#5b6770"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
+MAP_HEIGHT = 210
 LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 LABELLED_LINES = 5  # at most so many lines of a panel are named at their ends
@@ -104,13 +105,19 @@ def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks, *, top: float
 
 
 def _empty_panels(
-    count: int, columns: int, legend: Mapping[str, Any], *, shared: bool, width: int = WIDTH
+    count: int,
+    columns: int,
+    legend: Mapping[str, Any],
+    *,
+    shared: bool,
+    width: int = WIDTH,
+    height: int = PANEL_HEIGHT,
 ) -> tuple[Figure, list[Any]]:
     """A figure with a legend of these artists, and the axes of its panels."""
     legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, legend), default=0) + 40)))
     legend_rows = -(-len(legend) // legend_columns)
     rows = -(-count // columns)
-    figure = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
+    figure = new_figure(width, height * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
     grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=shared)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
@@ -168,6 +175,26 @@ def style_axes(axes: Any, title: str, unit: str = "") -> None:
     axes.set_axisbelow(True)
     if unit:
         axes.set_ylabel(unit, fontsize=8, color=FAINT)
+
+
+def heat_maps(maps: Mapping[str, Float64Array], unit: str) -> Figure:
+    """A panel for each array (rows, columns) of shares by its title, two in a line; one scale, of square roots."""
+    from matplotlib.colors import PowerNorm
+    from matplotlib.ticker import MaxNLocator
+
+    figure, grid = _empty_panels(len(maps), min(2, len(maps)), {}, shared=False, height=MAP_HEIGHT)
+    scale = PowerNorm(0.5, 0, max(map(np.max, maps.values())))
+    for axes, (title, shares) in zip(grid, maps.items(), strict=True):
+        style_axes(axes, title, "row")
+        axes.set_xlabel("column", fontsize=8, color=FAINT)
+        axes.grid(visible=False)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+        image = axes.imshow(shares, cmap="Greys", norm=scale, interpolation="none")
+    bar = figure.colorbar(image, ax=grid, location="bottom", shrink=0.4)
+    bar.set_label(unit, fontsize=8, color=FAINT)
+    bar.ax.tick_params(labelsize=8)
+    return figure
 
 
 class Line(NamedTuple):

@@ -21,7 +21,7 @@ CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Results": (results.table_2, results.figure_3, results.by_target, results.basis),
     "Learning": (learning_curves.dev_curves,),
     "Comparison of agents": (results.paired_tests,),
-    "Behaviour": (behaviour.figures_6_and_9, behaviour.errors),
+    "Behaviour": (behaviour.figures_6_and_9, behaviour.figure_10, behaviour.errors),
     "Language": (results.by_phenomenon, results.by_novelty),
     "Difficulty and stopping": (results.by_edits, behaviour.calibration),
     "Failures": (behaviour.failures,),
