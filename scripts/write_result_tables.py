@@ -8,7 +8,8 @@ docs/results/outcomes.csv has the runs whose recordings were kept in this form: 
 the order of the file, the number of its episodes that succeeded. Which statement a scene belongs to is read from the
 official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
-recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. `--runs`
+recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
+`paper` and `paper-sf` are C3+BERT with the paper's recipe, whose table is in docs/training.md. `--runs`
 writes commit, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which knows them by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
@@ -46,6 +47,7 @@ from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
+from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.report.aggregation import Difference, MeanStd
@@ -175,15 +177,15 @@ def add(row: str, paths: Sequence[Path]) -> None:
     found: list[Outcomes] = []
     for path in paths:
         found += [recorded(row, path)] if path.name.endswith(SUFFIX) else played(row, path)
-    replaced = {(each.row, each.run, each.configuration) for each in found}
-    recordings = [read_episodes(path) for path in paths if path.name.endswith(SUFFIX)]
+    replaced = {(each.row, each.run, each.configuration, each.actions) for each in found}
+    recordings = [read_episodes(path) for path in paths if path.name.endswith(SUFFIX) and row.isdigit()]
     for name in CONFIGURATIONS:
         if runs := [each for each in recordings if each.header.settings.configuration == name]:
             agent = agent_of(row, runs[0].header.actions)
             replace_row("returns", [agent, name, *returns(runs)])
             replace_row("behaviour", [agent, name, *behaviour(runs)])
-    rows = [*(each for each in known if (each[0], each[1], each[3]) not in replaced), *found]
-    write("outcomes", [head, *sorted(rows, key=lambda each: (int(each[0]), *each[1:]))])
+    rows = [*(each for each in known if (each[0], each[1], each[3], each[4]) not in replaced), *found]
+    write("outcomes", [head, *sorted(rows, key=lambda each: (each[0].zfill(9), *each[1:]))])
 
 
 def write_runs(directory: Path) -> list[str]:
@@ -209,12 +211,17 @@ def last_line(file: Path) -> dict[str, Any]:
 
 
 def runs_by_row() -> dict[tuple[str, str], list[Any]]:
-    """The recordings of each row and configuration."""
-    found: dict[tuple[str, str], list[Any]] = {}
-    for line in read("outcomes")[1:]:
-        outcomes = Outcomes(*line)
-        found.setdefault((outcomes.row, outcomes.configuration), []).append(outcomes.recording())
-    return found
+    """The recordings of each row of the table of accuracies and configuration."""
+    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
+    return grouped(((each.row, each.configuration), each.recording()) for each in all_outcomes if each.row.isdigit())
+
+
+def paper_cells() -> Iterator[str]:
+    """The cells of docs/training.md for each run with the paper's recipe: accuracy with sampled and greedy actions."""
+    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
+    for runs in grouped((each.run, each) for each in all_outcomes if not each.row.isdigit()).values():
+        of_mode = {each.actions: accuracy_where([each.recording()]) for each in runs}
+        yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
 
 
 def accuracies() -> list[list[str]]:

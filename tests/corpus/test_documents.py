@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.scene.grouping import grouped
 from tests.command_line import succeeds
 from tests.scripts import load_script
 
@@ -58,6 +59,22 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
     script.add("10", [*(tmp_path / "recordings").glob("*.gz")])
     for name, rows in published.items():
         assert sorted(script.read(name)) == sorted(rows)
+
+
+@pytest.mark.usefixtures("official_data")
+def test_paper_table__has_the_recorded_accuracy_of_each_run():
+    page = (DOCS / "training.md").read_text(encoding="utf-8")
+    cells = [*load_script("write_result_tables").paper_cells()]
+    assert cells
+    assert [cell for cell in cells if f"| {cell} |" not in page] == []
+
+
+@pytest.mark.usefixtures("official_data")
+def test_game_experiments__have_the_recorded_success_of_each_pair():
+    script = load_script("measure_messages")
+    pairs = grouped((row[0], row) for row in script.read("messages")[1:])
+    page = (DOCS / "game_experiments.md").read_text(encoding="utf-8")
+    assert [pair for pair, rows in pairs.items() if f"| {script.cells(rows)} |" not in page] == []
 
 
 def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch):
