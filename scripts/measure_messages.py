@@ -113,6 +113,7 @@ def main() -> None:
             found = summarise(records)
             low, high = (f"{100 * bound:.1f}" for bound in found.success_interval)
             told, all_bits = proposer.information
+            bits = f"{told:.2f} of {all_bits:.2f}"
             kind = ("sampled" if sampled else "greedy", change or "as trained")
             successes = "".join(str(int(record.outcome is Outcome.SUCCESS)) for record in records)
             saved.append(
