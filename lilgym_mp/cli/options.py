@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import Field
 from difflib import get_close_matches
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig, option_name
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.files import fresh_file
 from lilgym_mp.scene.choices import flag_name
+from lilgym_mp.submodules import submodule_getter
 
 JSON = dict[str, Any]  # an object
 RUNS = Path("runs")  # default parent of training runs
@@ -68,7 +68,8 @@ def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, S
     `more`: further arguments of a command's `add_options`.
     """
     for name, place in modules.items():
-        module = import_module(place)
+        package, _, module_name = place.rpartition(".")
+        module = submodule_getter(package)(module_name)
         command = commands.add_parser(name, **help_of(module.__doc__))
         command.set_defaults(run=getattr(module, "run", None))
         module.add_options(command, *(more or {}).get(name, ()))

@@ -10,7 +10,6 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 def _input_lines() -> Iterator[str]:
     """Lines of standard input to its end, "quit" or Ctrl-C, echoed unless it is a terminal, which gets line editing."""
     with suppress(ImportError):  # importing it adds editing and a history to `input`
-        import_module("readline")
+        import readline  # noqa: F401
     while True:
         try:
             line = input("> ").strip()

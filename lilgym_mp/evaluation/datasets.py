@@ -3,6 +3,9 @@
 docs/datasets.md lists the fields. Minari and pyarrow are imported only when their files are written.
 """
 
+# pyarrow and Minari are extras.
+# pyright: reportMissingImports=false
+
 from __future__ import annotations
 
 import base64
@@ -15,7 +18,6 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -271,11 +273,12 @@ def _write_json_lines(path: Path, played: Iterable[Rollout], about: Mapping[str,
 
 
 def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
-    pyarrow = import_module("pyarrow")
-    parquet = import_module("pyarrow.parquet")
+    import pyarrow
+    import pyarrow.parquet
+
     rows = [_row(rollout, lambda png: {"bytes": png, "path": None}) for rollout in played]
     table = pyarrow.Table.from_pylist(rows)
-    parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
+    pyarrow.parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
 
 
 def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> dict[str, Any]:
@@ -312,14 +315,17 @@ def check_minari(dataset_id: str) -> Path:
     """The directory that a data set of this name will have. Raises DatasetError if it cannot be written."""
     if find_spec("minari") is None:
         raise DatasetError(f"a Minari data set needs Minari: {install('minari')}")
+    from minari.dataset.minari_dataset import parse_dataset_id
+    from minari.storage import get_dataset_path
+
     try:
-        import_module("minari.dataset.minari_dataset").parse_dataset_id(dataset_id)
+        parse_dataset_id(dataset_id)
     except (ValueError, TypeError):  # TypeError: it has no version
         raise DatasetError(
             f"{dataset_id!r} cannot name a Minari data set; its name is letters, digits, / and -, and a version, as in"
             " lilgym/tower-expert-v0"
         ) from None
-    path: Path = import_module("minari.storage").get_dataset_path(dataset_id)
+    path: Path = get_dataset_path(dataset_id)
     if path.exists():
         raise DatasetError(f"the Minari data set {dataset_id!r} exists already; choose another name, or delete it")
     return path
@@ -339,9 +345,11 @@ def write_minari(
     writing fails, no files remain. Raises DatasetError as `check_minari` does.
     """
     path = check_minari(dataset_id)
-    minari = import_module("minari")
+    import minari
+    from minari.storage import get_dataset_path
+
     variable = "MINARI_DATASETS_PATH"
-    root = import_module("minari.storage").get_dataset_path()
+    root = get_dataset_path()
     named = os.environ.get(variable)
     with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=root) as unfinished, warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
@@ -376,7 +384,9 @@ def _buffer(rollout: Rollout) -> Any:
     infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
     for name in {"legal", "optimal", "return_to_go"} & steps.keys():
         infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
-    return import_module("minari.data_collector").EpisodeBuffer(
+    from minari.data_collector import EpisodeBuffer
+
+    return EpisodeBuffer(
         options={"task": rollout.episode["task"]},
         observations=observations,
         actions=steps["action"],
