@@ -218,8 +218,8 @@ def serving(directory: Path, runs: Path | None) -> Iterator[str]:
 def take(page: Page, url: str, shot: Shot, path: Path) -> None:
     page.goto(url + shot.path, wait_until="networkidle")
     if shot.name == "explore-statement":
-        page.wait_for_selector("#results a")
-        page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
+        page.locator("#results a").first.click()
+        page.wait_for_load_state("networkidle")
     if shot.prepare is not None:
         shot.prepare(page)
     page.wait_for_timeout(300)

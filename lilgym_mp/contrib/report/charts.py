@@ -215,6 +215,8 @@ def line_chart(
                 axes.fill_between(line.xs, *band, color=colour, alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
+            turned = {"rotation": 45, "rotation_mode": "anchor", "transform_rotates_text": True}
+            axes.text(0.25, 0.24, "calibrated", color=FAINT, fontsize=7, va="top", **turned)
         else:
             axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
             axes.xaxis.set_major_formatter(EngFormatter())
