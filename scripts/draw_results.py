@@ -54,7 +54,7 @@ CURVES = {  # rows of the chart of curves
     "15": "PPO+SF, no exchanged colours",
     "separators": "PPO+SF, acts on separators",
 }
-CALIBRATION_EDGES = (0.5, 0.7, 0.8, 0.9, 0.95, 1.0)  # upper edges of bins of the predicted success
+CALIBRATION_EDGES = (0.5, 0.8, 0.95, 1.0)  # upper edges of bins of the predicted success
 PAPER_CURVES = {  # rows of the chart of C3+BERT with the paper's recipe
     "paper-sf": "PPO+SF",
     "paper": "PPO",

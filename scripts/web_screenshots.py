@@ -73,9 +73,11 @@ class Shot(NamedTuple):
 
 
 def _begin(page: Page, configuration: str, task_id: str) -> None:
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
     page.select_option("[name=configuration]", configuration)
+    page.wait_for_selector("#episode:not([aria-busy])")
     page.evaluate("id => begin(id)", task_id)
-    page.wait_for_selector("#statement:not(:empty)")
+    page.wait_for_function("id => episode.task_id === id", arg=task_id)
 
 
 def _show_legal(configuration: str, task_id: str) -> Callable[[Page], None]:
