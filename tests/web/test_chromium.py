@@ -219,8 +219,6 @@ def test_watch__the_heat_map_leaves_items_alone(browser, tmp_path, runs):
     with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         page.goto("/watch")
-        page.wait_for_selector("#recording option", state="attached")
-        page.select_option("#recording", label=next(iter(page.locator("#recording option").all_inner_texts())))
         page.wait_for_selector("#viewer .strip img")
         page.wait_for_selector(".heat rect[opacity]", state="attached")
         items = page.evaluate("sides[0].view.scene.items")
