@@ -91,7 +91,8 @@ def curves(rows: dict[str, str] = CURVES) -> Any:
 
 def verifier_curve() -> Any:
     """What a verifier learns in an audit of TowerScratch, by split."""
-    found = grouped(((rate, split), (games, 100 * float(value))) for games, split, rate, value in read("verifier_curve")[1:])
+    rows = read("verifier_curve")[1:]
+    found = grouped(((rate, split), (games, 100 * float(value))) for games, split, rate, value in rows)
     lines = [_line(f"{rate}, {split}", points)._replace(agent=rate) for (rate, split), points in found.items()]
     return line_chart([("", "games judged", "%", lines)], Looks())
 
@@ -129,8 +130,11 @@ def add_calibration(recordings: Sequence[Path]) -> None:
         for episode in read_episodes(recording).episodes:
             predicted = episode.decisions[0].success_probability
             bins[bisect_left(CALIBRATION_EDGES, predicted)].append((predicted, episode.is_success))
-    rows = [[f"{np.mean([share for share, _ in each]):.4f}", len(each), sum(ok for _, ok in each)] for each in bins if each]
-    write("calibration", [["predicted", "episodes", "successes"], *([*map(str, row)] for row in rows)])
+    rows = [["predicted", "episodes", "successes"]]
+    for each in filter(None, bins):
+        predicted, right = np.mean(each, axis=0)
+        rows.append([f"{predicted:.4f}", str(len(each)), f"{right * len(each):.0f}"])
+    write("calibration", rows)
 
 
 def calibration() -> Any:

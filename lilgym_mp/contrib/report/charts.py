@@ -166,8 +166,7 @@ def style_axes(axes: Any, title: str, unit: str = "") -> None:
     axes.tick_params(colors=INK, labelsize=8)
     axes.grid(axis="y", color="#e6eaee", linewidth=0.8)
     axes.set_axisbelow(True)
-    if unit:
-        axes.set_ylabel(unit, fontsize=8, color=FAINT)
+    axes.set_ylabel(unit, fontsize=8, color=FAINT)
 
 
 class Line(NamedTuple):
@@ -215,8 +214,7 @@ def line_chart(
                 axes.fill_between(line.xs, *band, color=colour, alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
-            turned = {"rotation": 45, "rotation_mode": "anchor", "transform_rotates_text": True}
-            axes.text(0.25, 0.24, "calibrated", color=FAINT, fontsize=7, va="top", **turned)
+            axes.text(0.3, 0.22, "calibrated", color=FAINT, fontsize=7)
         else:
             axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
             axes.xaxis.set_major_formatter(EngFormatter())
@@ -237,8 +235,9 @@ def _name_at_the_end(axes: Any, lines: Sequence[Line], drawn: Mapping[str, Any])
         middle = max(line.ys[-1], end + half)
         end = middle + half
         place = {"xy": (1, middle), "xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-        sample = {"color": drawn[line.name].get_color(), "linestyle": drawn[line.name].get_linestyle()}
-        axes.annotate("", xytext=(18, 0), arrowprops={"arrowstyle": "-", "linewidth": 1.6, **sample}, **place)
+        shown = drawn[line.name]
+        sample = {"arrowstyle": "-", "linewidth": 1.6, "color": shown.get_color(), "linestyle": shown.get_linestyle()}
+        axes.annotate("", xytext=(18, 0), arrowprops=sample, **place)
         axes.annotate("\n".join(words), xytext=(20, 0), va="center", fontsize=7, color=INK, **place)
 
 
