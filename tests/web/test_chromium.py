@@ -408,13 +408,6 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser, 
         _assert_clean(watched)
 
 
-def test_explore__links_to_play_the_task(page):
-    page.goto("/explore/scatter/dev/scatter-dev-025-a")
-    page.locator("text=Play this task").last.click()
-    page.wait_for_selector(".board.fine .cells button")
-    assert page.inner_text("#statement")
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_pages__fit_360_pixels_and_load_no_external_resources(browser, tmp_path, dark):
     with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark, url=url) as watched:
@@ -595,9 +588,9 @@ def test_watch__offers_each_agent_where_it_can_play(page):
 def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(browser, tmp_path):
     """A corpus of Scatter alone: Tower is shown as missing, and no agent of Tower is offered."""
     pytest.importorskip("torch")
-    scatter = [line for line in _corpus_lines(tmp_path) if '"tower"' not in line]
-    path = tmp_path / "scatter.jsonl"
-    path.write_text("".join(scatter))
+    path = write_thin_corpus(tmp_path / "scatter.jsonl", 40)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if '"tower"' not in line))
     with served(tmp_path, corpus=str(path)) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
         for address in ("/annotate", "/explore"):
@@ -611,11 +604,6 @@ def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(br
         disabled = page.eval_on_selector_all("#request optgroup:disabled", "all => all.map(each => each.innerText)")
         assert all("plays no tasks of this corpus" in text for text in disabled)
         assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
-
-
-def _corpus_lines(directory: Path) -> list[str]:
-    """A thin corpus of both appearances, line by line."""
-    return write_thin_corpus(directory / "thin.jsonl", 40).read_text().splitlines(keepends=True)
 
 
 def _play_out(page: Any) -> None:

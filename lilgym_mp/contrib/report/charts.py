@@ -123,9 +123,10 @@ def _empty_panels(
 
 def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> None:
     places = 0 if any(abs(value.mean) >= 10 for value in _values(panel)) else 2
+    count = len(panel.categories)
     shown = [  # names by category
         [name for name, values in panel.values.items() if values[index] is not None]
-        for index in range(len(panel.categories))
+        for index in range(count)
     ]
     width = 0.8 / max(1, *map(len, shown))
     for name, series in panel.values.items():
@@ -144,11 +145,10 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
             yerr=errors if errors.any() else None,
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
         )
-        if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
+        if 0.9 * panel_width * width / count >= LABEL_WIDTH:
             axes.bar_label(
                 bars, fmt=lambda value: f"{value:.{places}f}".replace("-", "−"), fontsize=7, color=INK, padding=2
             )
-    count = len(panel.categories)
     axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
     axes.set_xlim(-0.5, count - 0.5)
     axes.margins(y=0.12)
@@ -226,9 +226,8 @@ def line_chart(
 
 def _name_at_the_end(axes: Any, lines: Sequence[Line], drawn: Mapping[str, Any]) -> None:
     """Names of lines right of the axes, each as high as its line ends, or just above the name below."""
-    low, high = axes.get_ylim()
-    text_line = LABEL_LINE * (high - low) / AXES_HEIGHT
-    end = low
+    end, high = axes.get_ylim()
+    text_line = LABEL_LINE * (high - end) / AXES_HEIGHT
     for line in sorted(lines, key=lambda line: line.ys[-1]):
         words = wrap(line.name, LABEL_CHARACTERS)
         half = len(words) * text_line / 2
