@@ -125,8 +125,7 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
     places = 0 if any(abs(value.mean) >= 10 for value in _values(panel)) else 2
     count = len(panel.categories)
     shown = [  # names by category
-        [name for name, values in panel.values.items() if values[index] is not None]
-        for index in range(count)
+        [name for name, values in panel.values.items() if values[index] is not None] for index in range(count)
     ]
     width = 0.8 / max(1, *map(len, shown))
     for name, series in panel.values.items():
