@@ -99,7 +99,8 @@ def verifier_curve() -> Any:
 
 def _line(name: str, points: Sequence[Sequence[Any]]) -> Line:
     """A line through (x, y) or (x, y, deviation)."""
-    return Line(name, *([float(value) for value in column] for column in zip(*points, strict=True)))
+    xs, ys, *deviations = ([float(value) for value in column] for column in zip(*points, strict=True))
+    return Line(name, xs, ys, *deviations[:1])
 
 
 def reward_model_curves() -> Any:
@@ -128,7 +129,9 @@ def add_calibration(recordings: Sequence[Path]) -> None:
     bins: list[list[tuple[float, bool]]] = [[] for _ in CALIBRATION_EDGES]
     for recording in recordings:
         for episode in read_episodes(recording).episodes:
+            assert episode.decisions is not None
             predicted = episode.decisions[0].success_probability
+            assert predicted is not None
             bins[bisect_left(CALIBRATION_EDGES, predicted)].append((predicted, episode.is_success))
     rows = [["predicted", "episodes", "successes"]]
     for each in filter(None, bins):
