@@ -100,7 +100,7 @@ def verifier_curve() -> Any:
 def _line(name: str, points: Sequence[Sequence[Any]]) -> Line:
     """A line through (x, y) or (x, y, deviation)."""
     xs, ys, *deviations = ([float(value) for value in column] for column in zip(*points, strict=True))
-    return Line(name, xs, ys, *deviations[:1])
+    return Line(name, xs, ys, deviations[0] if deviations else None)
 
 
 def reward_model_curves() -> Any:
