@@ -82,7 +82,7 @@ def draw() -> Any:
         axes.text(
             x,
             y,
-            f"{part} {lines / 1000:.1f}",
+            f"{part} {round(lines / 1000) or '<1'}",
             ha="center",
             va="center",
             bbox={"boxstyle": "round", "facecolor": "#e8eef7"},

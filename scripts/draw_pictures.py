@@ -66,10 +66,6 @@ BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "game_guide.gif": "python scripts/draw_guide_film.py BUILDER GUIDE, with runs as in docs/game_experiments.md",
-    "llm_curve.png": "a chart of what examples/finetune_language_model.py and train_language_model.py --out write",
-    "sb3_curve.png": "a chart of evaluations on official dev during examples/train_masked_ppo.py, three seeds",
-    "reliability.png": "the chart of a report on the runs in docs/agents.md",
-    "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
     "results-edits-needed.png": "python scripts/draw_results.py",
     "results-*.png": "charts of a report; lilgym-mp report RESULTS --out OUT with RESULTS as in docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
@@ -239,6 +235,9 @@ def draw_charts() -> None:
         "results-table-2-curves.png": draw_results.curves(draw_results.PAPER_CURVES),
         "results-mean-reward.png": draw_results.rewards(),
         "proposer_verifier_curve.svg": draw_results.verifier_curve(),
+        "reward_model_curves.svg": draw_results.reward_model_curves(),
+        "llm_curve.png": draw_results.language_model(),
+        "reliability.png": draw_results.calibration(),
     }
     for name, figure in charts.items():
         save(figure, PICTURES / name, Path(name).suffix[1:])
@@ -265,6 +264,9 @@ FILES = [  # made by DRAWN
     "agent-phone.gif",
     "episode.png",
     "report.png",
+    "llm_curve.png",
+    "reliability.png",
+    "reward_model_curves.svg",
     "proposer_verifier_curve.svg",
     "results-mean-reward.png",
     "results-ppo-curves.png",

@@ -2,9 +2,12 @@
 
     python scripts/draw_results.py
     python scripts/draw_results.py --row 13 RUN ...
+    python scripts/draw_results.py --calibration RECORDING ...
 
 `--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
 of Scratch that have no image in the corpus. The rows `paper` and `paper-sf` are C3+BERT with the paper's recipe.
+`--calibration` first writes calibration.csv from recordings made with --record-decisions: for each bin of the predicted
+success, the mean prediction, the episodes and the successes.
 Accuracy by edits is that of outcomes.csv and needs the official data.
 """
 
@@ -12,10 +15,13 @@ from __future__ import annotations
 
 import argparse
 import json
+from bisect import bisect_left
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from write_result_tables import RESULTS, read, runs_by_row, tasks, write
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
@@ -26,7 +32,9 @@ from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import by_edits
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RUN_FILE
+from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver import Solver
 
 PICTURES = RESULTS.parent / "pictures"
@@ -46,6 +54,7 @@ CURVES = {  # rows of the chart of curves
     "15": "PPO+SF, no exchanged colours",
     "separators": "PPO+SF, acts on separators",
 }
+CALIBRATION_EDGES = (0.5, 0.8, 0.95, 1.0)  # upper edges of bins of the predicted success
 PAPER_CURVES = {  # rows of the chart of C3+BERT with the paper's recipe
     "paper-sf": "PPO+SF",
     "paper": "PPO",
@@ -82,14 +91,64 @@ def curves(rows: dict[str, str] = CURVES) -> Any:
 
 def verifier_curve() -> Any:
     """What a verifier learns in an audit of TowerScratch, by split."""
-    found: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for games, split, rate, value in read("verifier_curve")[1:]:
-        found.setdefault((rate, split), []).append((float(games), 100 * float(value)))
-    lines = [
-        Line(f"{rate}, {split}", *map(list, zip(*points, strict=True)), agent=rate)
-        for (rate, split), points in found.items()
-    ]
+    rows = read("verifier_curve")[1:]
+    found = grouped(((rate, split), (games, 100 * float(value))) for games, split, rate, value in rows)
+    lines = [_line(f"{rate}, {split}", points)._replace(agent=rate) for (rate, split), points in found.items()]
     return line_chart([("", "games judged", "%", lines)], Looks())
+
+
+def _line(name: str, points: Sequence[Sequence[Any]]) -> Line:
+    """A line through (x, y) or (x, y, deviation)."""
+    xs, ys, *deviations = ([float(value) for value in column] for column in zip(*points, strict=True))
+    return Line(name, xs, ys, deviations[0] if deviations else None)
+
+
+def reward_model_curves() -> Any:
+    """The accuracy of V while it learns: a panel for each measure of effort."""
+    panels = grouped((axis, (appearance, point)) for axis, appearance, *point in read("reward_model_curves")[1:])
+    named = {axis: [_line(*line) for line in grouped(points).items()] for axis, points in panels.items()}
+    return line_chart([("", axis, "V on held-out pairs, %", lines) for axis, lines in named.items()], Looks())
+
+
+def language_model() -> Any:
+    """The success of a fine-tuned language model, with 95 % intervals where there are."""
+    found = grouped((name, point) for name, *point in read("language_model")[1:])
+    lines = [_line(name, [point[:2] for point in points]) for name, points in found.items()]
+    figure = line_chart([("", "steps", "success on 100 tasks, %", lines)], Looks())
+    (axes,) = figure.axes
+    for drawn, points in zip(axes.lines, found.values(), strict=True):
+        for steps, success, low, high in points:
+            if low:
+                errors = [[float(success) - float(low)], [float(high) - float(success)]]
+                axes.errorbar(float(steps), float(success), errors, color=drawn.get_color(), marker="o", capsize=3)
+    return figure
+
+
+def add_calibration(recordings: Sequence[Path]) -> None:
+    """Writes calibration.csv."""
+    bins: list[list[tuple[float, bool]]] = [[] for _ in CALIBRATION_EDGES]
+    for recording in recordings:
+        for episode in read_episodes(recording).episodes:
+            assert episode.decisions is not None
+            predicted = episode.decisions[0].success_probability
+            assert predicted is not None
+            bins[bisect_left(CALIBRATION_EDGES, predicted)].append((predicted, episode.is_success))
+    rows = [["predicted", "episodes", "successes"]]
+    for each in filter(None, bins):
+        predicted, right = np.mean(each, axis=0)
+        rows.append([f"{predicted:.4f}", str(len(each)), f"{right * len(each):.0f}"])
+    write("calibration", rows)
+
+
+def calibration() -> Any:
+    """Success by the success that the included agent predicts, with the number of episodes of each bin."""
+    rows = [(float(predicted), int(count), int(right)) for predicted, count, right in read("calibration")[1:]]
+    line = Line("parse-and-plan", [x for x, *_ in rows], [right / count for _, count, right in rows])
+    figure = line_chart([("", "predicted success", "success", [line])], Looks(), diagonal=True)
+    (axes,) = figure.axes
+    for x, count, right in rows:
+        axes.annotate(f"{count:,}", (x, right / count), (0, -12), textcoords="offset points", ha="center", fontsize=7)
+    return figure
 
 
 def rewards() -> Any:
@@ -130,12 +189,15 @@ if __name__ == "__main__":
         "--row", choices=[*CURVES, *PAPER_CURVES], help="row of the table of accuracies that the runs belong to"
     )
     parser.add_argument("runs", nargs="*", type=Path)
+    parser.add_argument("--calibration", nargs="+", type=Path, metavar="RECORDING", help="write calibration.csv first")
     parser.add_argument("--curves", action="store_true", help="draw the charts of curves alone")
     args = parser.parse_args()
     if args.runs and not args.row:
         parser.error("runs need --row")
     if args.runs:
         add_curves(args.row, args.runs)
+    if args.calibration:
+        add_calibration(args.calibration)
     charts = {"ppo-curves": curves(), "table-2-curves": curves(PAPER_CURVES)}
     if not args.curves:
         charts |= {"mean-reward": rewards(), "edits-needed": edits()}

@@ -73,9 +73,11 @@ class Shot(NamedTuple):
 
 
 def _begin(page: Page, configuration: str, task_id: str) -> None:
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
     page.select_option("[name=configuration]", configuration)
+    page.wait_for_selector("#episode:not([aria-busy])")
     page.evaluate("id => begin(id)", task_id)
-    page.wait_for_selector("#statement:not(:empty)")
+    page.wait_for_function("id => episode.task_id === id", arg=task_id)
 
 
 def _show_legal(configuration: str, task_id: str) -> Callable[[Page], None]:
@@ -218,8 +220,8 @@ def serving(directory: Path, runs: Path | None) -> Iterator[str]:
 def take(page: Page, url: str, shot: Shot, path: Path) -> None:
     page.goto(url + shot.path, wait_until="networkidle")
     if shot.name == "explore-statement":
-        page.wait_for_selector("#results a")
-        page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
+        page.locator("#results a").first.click()
+        page.wait_for_load_state("networkidle")
     if shot.prepare is not None:
         shot.prepare(page)
     page.wait_for_timeout(300)

@@ -110,11 +110,14 @@ def test_tour__runs_and_shows_scenes_a_film_and_a_chart(tmp_path, monkeypatch, c
     monkeypatch.setitem(sys.modules, "IPython", notebook)
     monkeypatch.setitem(sys.modules, "IPython.display", display)
     monkeypatch.chdir(tmp_path)
-    names = {}
+    names, saved = {}, []
     for cell in json.loads((EXAMPLES / "tour.ipynb").read_text())["cells"]:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), names)
+            saved += [output["data"].get("image/png") for output in cell["outputs"] if "data" in output]
     *scenes, film, chart = shown
+    pictures = [Image.open(io.BytesIO(b64decode(text))) for text in filter(None, saved)]
+    assert [each.tobytes() for each in pictures] == [each.tobytes() for each in (*scenes, chart)]
     assert [scene.size for scene in scenes] == [(784, 304)] * 2
     assert film.n_frames > 2
     assert chart.width > 300

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -57,6 +58,13 @@ def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(
 def test_environment_pages__are_up_to_date(pages):
     stale = [path.name for path, text in pages.documents().items() if path.read_text() != text]
     assert not stale, "run scripts/write_environment_pages.py"
+
+
+def test_interval__does_not_break_within_its_brackets():
+    pytest.importorskip("mkdocs")
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"))
+    rewritten = load_script("site_hooks").on_page_markdown("32.9 [−1.5, +36.2], ([19, 5])", page, None, None)
+    assert rewritten == "32.9 [−1.5,\u00a0+36.2], ([19, 5])"
 
 
 @pytest.fixture(scope="module")

@@ -216,6 +216,7 @@ def test_report__escapes_statements_and_shows_no_markup(tmp_path):
     assert "&lt;b&gt;mine" in page
     assert "<code>lilgym-mp train ppo" in page
     assert "`" not in page
+    assert "Comparison of agents" not in page  # there is one
 
 
 @pytest.mark.parametrize(

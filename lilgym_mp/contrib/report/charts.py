@@ -130,9 +130,9 @@ def _empty_panels(
 
 def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> None:
     places = 0 if any(abs(value.mean) >= 10 for value in _values(panel)) else 2
+    count = len(panel.categories)
     shown = [  # names by category
-        [name for name, values in panel.values.items() if values[index] is not None]
-        for index in range(len(panel.categories))
+        [name for name, values in panel.values.items() if values[index] is not None] for index in range(count)
     ]
     width = 0.8 / max(1, *map(len, shown))
     for name, series in panel.values.items():
@@ -151,11 +151,10 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
             yerr=errors if errors.any() else None,
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
         )
-        if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
+        if 0.9 * panel_width * width / count >= LABEL_WIDTH:
             axes.bar_label(
                 bars, fmt=lambda value: f"{value:.{places}f}".replace("-", "−"), fontsize=7, color=INK, padding=2
             )
-    count = len(panel.categories)
     axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
     axes.set_xlim(-0.5, count - 0.5)
     axes.margins(y=0.12)
@@ -173,8 +172,7 @@ def style_axes(axes: Any, title: str, unit: str = "") -> None:
     axes.tick_params(colors=INK, labelsize=8)
     axes.grid(axis="y", color="#e6eaee", linewidth=0.8)
     axes.set_axisbelow(True)
-    if unit:
-        axes.set_ylabel(unit, fontsize=8, color=FAINT)
+    axes.set_ylabel(unit, fontsize=8, color=FAINT)
 
 
 def heat_maps(maps: Mapping[str, Float64Array], unit: str) -> Figure:
@@ -242,6 +240,7 @@ def line_chart(
                 axes.fill_between(line.xs, *band, color=colour, alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
+            axes.text(0.3, 0.22, "calibrated", color=FAINT, fontsize=7)
         else:
             axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
             axes.xaxis.set_major_formatter(EngFormatter())
@@ -253,17 +252,17 @@ def line_chart(
 
 def _name_at_the_end(axes: Any, lines: Sequence[Line], drawn: Mapping[str, Any]) -> None:
     """Names of lines right of the axes, each as high as its line ends, or just above the name below."""
-    low, high = axes.get_ylim()
-    text_line = LABEL_LINE * (high - low) / AXES_HEIGHT
-    end = low
+    end, high = axes.get_ylim()
+    text_line = LABEL_LINE * (high - end) / AXES_HEIGHT
     for line in sorted(lines, key=lambda line: line.ys[-1]):
         words = wrap(line.name, LABEL_CHARACTERS)
         half = len(words) * text_line / 2
         middle = max(line.ys[-1], end + half)
         end = middle + half
         place = {"xy": (1, middle), "xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-        sample = {"color": drawn[line.name].get_color(), "linestyle": drawn[line.name].get_linestyle()}
-        axes.annotate("", xytext=(18, 0), arrowprops={"arrowstyle": "-", "linewidth": 1.6, **sample}, **place)
+        shown = drawn[line.name]
+        sample = {"arrowstyle": "-", "linewidth": 1.6, "color": shown.get_color(), "linestyle": shown.get_linestyle()}
+        axes.annotate("", xytext=(18, 0), arrowprops=sample, **place)
         axes.annotate("\n".join(words), xytext=(20, 0), va="center", fontsize=7, color=INK, **place)
 
 

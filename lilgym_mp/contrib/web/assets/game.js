@@ -82,7 +82,7 @@ function taskLine() {
   const parts = [`Make it ${seat.target}.`];
   if (seat.intent) parts.push(seat.intent === "deceptive" ? "You are deceptive: get a false claim accepted." : "You are helpful: get a true claim accepted.");
   if (seat.message) parts.push(`The other player's last message: ${seat.message} (players agree on what numbers mean).`);
-  parts.push(seat.over ? `${seat.protocol}, ${seat.configuration}.` : `Round ${seat.round} of ${seat.horizon}. ${seat.protocol}, ${seat.configuration}.`);
+  parts.push(...(seat.over ? [] : [`Round ${seat.round} of ${seat.horizon}.`]), `Protocol ${seat.protocol}, ${seat.configuration}.`);
   return parts.join(" ");
 }
 

@@ -77,9 +77,9 @@ function bar(label, share, taken = false, mono = false) {
   return element("li", { class: taken ? "done" : null }, fill, element("span", { class: mono ? "mono" : null }, label, taken ? " ✓" : ""), element("span", { class: "share" }, percent(share)));
 }
 
-/** A program, which wraps between words but not inside them. */
+/** A program, which wraps at spaces and before calls. */
 function programCode(source) {
-  return element("code", { class: "program" }, ...source.split(/(?<=[(,.])/).flatMap((piece) => [element("wbr"), piece]));
+  return element("code", { class: "program" }, ...source.split(/(?<=[(,.])(?=\w+\()/).flatMap((piece) => [element("wbr"), piece]));
 }
 
 /** Draws an item that an action would add, or crosses it out if the action would remove it. */
