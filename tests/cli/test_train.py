@@ -189,8 +189,21 @@ def test_explain__reads_a_csv_file_by_its_header(capsys, tmp_path):
         (4, "", ""),
         (5, "8", "One, even."),
     ]
-    (tmp_path / "own.csv").write_text("id,text\n1,There is a blue block.\n")
-    with pytest.raises(CommandError, match="no column sentence or statement in its header id, text"):
+    (tmp_path / "own.csv").write_text("id,sentence\n")
+    assert json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv")) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        ("id,text\n1,There is a blue block.\n", "no column sentence or statement in its header id, text"),
+        ('sentence\n"There is a blue block.\nThere are two.\n', "line 3: unexpected end of data"),
+        ('sentence\n"There is" a blue block.\n', "line 2: ',' expected"),
+    ],
+)
+def test_explain__refuses_a_csv_file_without_sentences_or_with_a_stray_quote(content, error, tmp_path):
+    (tmp_path / "own.csv").write_text(content)
+    with pytest.raises(CommandError, match=error):
         list(_sentences(tmp_path / "own.csv"))
 
 

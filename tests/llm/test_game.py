@@ -174,12 +174,19 @@ def test_command__continues_without_paying_twice(tmp_path, capsys):
         assert len(asked) == summary["answers"] + 1
         assert main([*arguments, "--seed", "5"]) == 2
         assert "was played with seed 0, not 5" in capsys.readouterr().err
+        del whole["results"]
+        (tmp_path / "summary.json").write_text(
+            json.dumps({**whole, "settings": {**whole["settings"], "corpus": "own"}})
+        )
+        assert main(arguments) == 2
+        assert "was played with corpus 'own', not None" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("more", "error"),
     [
         ("--role verifier", "--role is for the two-agent game"),
+        ("--partner-option model=x", "--partner-option is for the two-agent game"),
         ("--protocol veto --role proposer --partner expert", "unknown partner as verifier 'expert'; choose from"),
         ("--protocol veto --partner nobody", "no partner 'nobody'; choose a run, from expert"),
         ("--protocol duel", "choose from veto"),
