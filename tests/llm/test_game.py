@@ -57,6 +57,7 @@ def seat(role: Role, answer: Callable[[str], str | Answer], **options: Any) -> L
         (Role.VERIFIER, "reject\nMessage: DANCE", None),
         (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)\nMessage: STOP", None),
         (Role.VERIFIER, "reject\nNote: build it a little higher", Said(0, 0, "build it a")),
+        (Role.VERIFIER, "reject\nNote: up\nNote: and down", Said(0, 0, "up and down")),
         (Role.PROPOSER, "ADD(LEFT, BLUE)", Said(3)),
         (Role.PROPOSER, "Note: hi\nSTOP", Said(0, 0, "hi")),
         (Role.PROPOSER, "accept", None),
