@@ -166,7 +166,7 @@ def _sentences(path: Path) -> Iterator[tuple[JSON, str]]:
         return
     reader = csv.reader(io.StringIO(content, newline=""), strict=True)
     try:
-        header = [name.strip().lower() for name in next(reader)]
+        header = [name.strip().lower() for name in next(filter(None, reader))]
         column = next((header.index(name) for name in SENTENCE_COLUMNS if name in header), None)
         if column is None:
             raise CommandError(f"{path}: no column {' or '.join(SENTENCE_COLUMNS)} in its header {', '.join(header)}")

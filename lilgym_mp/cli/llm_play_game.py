@@ -176,7 +176,7 @@ def _answered(args: argparse.Namespace, settings: JSON) -> Mapping[tuple[str, ..
 
     path, turns = args.out / SUMMARY, args.out / TURNS
     known: list[Any] = []
-    if path.exists() and not args.force:
+    if (args.resume or path.exists()) and not args.force:
         try:
             summary, before = stored(path)
             known = read_lines(turns) if turns.exists() else []

@@ -312,12 +312,13 @@ def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs
     assert "SECRET" not in error
 
 
-@pytest.mark.parametrize("text", ["[]", "null", "{}", '{"settings": 5}', '{"settings": {'])
+@pytest.mark.parametrize("text", ["[]", "null", "{}", '{"settings": 5}', '{"settings": {', None])
 @pytest.mark.parametrize(
-    ("more", "told"), [("--resume", "no run to resume"), ("--protocol audit", "no run to continue")]
+    ("more", "told"), [("--resume", "no run to resume"), ("--protocol audit --resume", "no run to continue")]
 )
-def test_command__continues_no_directory_with_a_broken_summary(text, more, told, tmp_path, capsys):
-    (tmp_path / "summary.json").write_text(text)
+def test_command__continues_no_directory_without_a_whole_summary(text, more, told, tmp_path, capsys):
+    if text is not None:
+        (tmp_path / "summary.json").write_text(text)
     with served(stops) as (url, _):
         assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {more}") == 2
     printed = capsys.readouterr().err
