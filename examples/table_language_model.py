@@ -12,22 +12,26 @@ import argparse
 import json
 import random
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from lilgym_mp.cli import main as lilgym_mp
 from lilgym_mp.cli.llm_play import drawn
+from lilgym_mp.cli.llm_runs import check_settings, public, read_agent_options
+from lilgym_mp.cli.options import CommandError
 from lilgym_mp.contrib.llm import Answer, make_agent
+from lilgym_mp.contrib.llm.agents import ModelError
 from lilgym_mp.contrib.rlvr import Row, expert_reply, messages_of, rows, score
 from lilgym_mp.contrib.rlvr.rows import dynamics_of
 from lilgym_mp.envs.proposer_verifier import Partner, Role, env, play_games
 from lilgym_mp.envs.proposer_verifier.metrics import summarise
 from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.files import read_json, write_json
 from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
 from lilgym_mp.evaluation.policies import FunctionPolicy, Policy, built_in_policy
 from lilgym_mp.learning.common.agents import AgentError, load_agent
@@ -54,9 +58,9 @@ FINISH_REASONS = {"cut": "length", "filtered": "content_filter", "refused": "ref
 Figures = dict[str, float]  # by column
 
 
-def calls(episodes: int) -> int:
+def calls(episodes: int, scenes: Sequence[str]) -> int:
     """About how many calls the model's rows take."""
-    return len(SCENES) * episodes * sum(CALLS.get(name.split()[0], 5) for name in COLUMNS)
+    return len(scenes) * episodes * sum(CALLS.get(name.split()[0], 5) for name in COLUMNS)
 
 
 def constant(action: int) -> Policy:
@@ -168,6 +172,18 @@ def model_row(args: argparse.Namespace, scene: str) -> Figures:
     return figures
 
 
+def check_run(args: argparse.Namespace) -> None:
+    """Stores the settings in --out, or ends with an error if a table with other settings was begun there."""
+    options = {"url": args.url, "model": args.model, **read_agent_options(args.option)}
+    settings = {"option": public("", options), "episodes": args.episodes, "corpus": args.corpus}
+    path = args.out / "settings.json"
+    if path.exists():
+        check_settings(args.out, read_json(path), settings)
+    else:
+        args.out.mkdir(parents=True, exist_ok=True)
+        write_json(path, settings)
+
+
 def played(args: argparse.Namespace, name: str, scene: str, *more: str) -> dict[str, Any]:
     """The summary of `lilgym-mp llm play`, which is run if needed."""
     out = args.out / "-".join((name, scene, *more[3:4]))
@@ -184,19 +200,22 @@ def played(args: argparse.Namespace, name: str, scene: str, *more: str) -> dict[
     return json.loads(summary.read_text())
 
 
-def answered(args: argparse.Namespace, level: int, scene: str) -> list[float]:
-    """The rewards of the model's plans of a level."""
+def answered(args: argparse.Namespace, level: int, scene: str) -> Iterable[float]:
+    """The rewards of the model's plans of a level; each is kept as soon as it is known."""
     out = args.out / f"level-{level}-{scene}.json"
-    if not out.exists():
-        options = dict(each.split("=", 1) for each in args.option)
-        agent = make_agent("openai", {"url": args.url, "model": args.model, **options})
-        prompts = plans(level, args.episodes)
-        with ThreadPool(32) as pool:
-            answers: list[Any] = pool.map(lambda row: agent.answer(messages_of(row, scene)), prompts)
-        rewards = [reward(answer, row) for answer, row in zip(answers, prompts, strict=True)]
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(rewards))
-    return json.loads(out.read_text())
+    rewards: dict[str, float] = json.loads(out.read_text()) if out.exists() else {}
+    prompts = [row for row in plans(level, args.episodes) if row.id not in rewards]
+    if prompts:
+        agent = make_agent("openai", {"url": args.url, "model": args.model, **read_agent_options(args.option)})
+        try:
+            with ThreadPool(32) as pool:
+                answers = pool.imap(lambda row: agent.answer(messages_of(row, scene)), prompts)
+                for row, answer in zip(prompts, cast("Iterable[Answer]", answers), strict=True):
+                    rewards[row.id] = reward(answer, row)
+                    out.write_text(json.dumps(rewards))
+        except ModelError as error:
+            raise SystemExit(f"{error}; the same command continues the table") from None
+    return rewards.values()
 
 
 def reward(answer: Answer, row: Row) -> float:
@@ -209,6 +228,7 @@ def main() -> None:
     parser.add_argument("--url", help="of the server (default: OpenAI's)")
     parser.add_argument("--model")
     parser.add_argument("--option", nargs="+", default=[], metavar="KEY=VALUE", help="others of the agent openai")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES, help="list alone for a model of texts")
     parser.add_argument("--episodes", type=int, default=50, help="in each cell (default: 50)")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--prices", type=float, nargs=2, metavar=("READ", "WRITTEN"), help="of a million tokens")
@@ -217,14 +237,18 @@ def main() -> None:
     args = parser.parse_args()
     args.url = args.url or "https://api.openai.com/v1"
     if args.model:
-        count = calls(args.episodes)
+        count = calls(args.episodes, args.scenes)
         told = f"about {count:,} calls, {count * READ / 1e6:.2g} M tokens read, {count * WRITTEN / 1e6:.2g} M written"
         cost = count * (READ * args.prices[0] + WRITTEN * args.prices[1]) / 1e6 if args.prices else None
         print(told if cost is None else f"{told}: {cost:.4g} at these prices")
         if not args.yes and input("Start? [y/N] ").strip().lower() not in ("y", "yes"):
             return
+        try:
+            check_run(args)
+        except CommandError as error:
+            raise SystemExit(str(error)) from None
     found = {**baselines(args), **shipped(args)}
-    for scene in SCENES if args.model else ():
+    for scene in args.scenes if args.model else ():
         found[f"{args.model}, {'text' if scene == 'list' else 'image'}"] = model_row(args, scene)
     print(f"\n| player | {' | '.join(GROUPS)} |\n|---|{'---:|' * len(GROUPS)}")
     for name, figures in found.items():

@@ -26,8 +26,16 @@ class Reply(NamedTuple):
 
 # Outcomes of replies that are not the model's answer
 CUT, FILTERED, REFUSED, FAILED, NOT_UNDERSTOOD = "cut", "filtered", "refused", "failed", "not_understood"
-NORMAL_ENDS = frozenset(("stop", "stop_sequence", "end_turn", "eos", "eos_token", "tool_calls", "function_call"))
-_ENDS = {"length": CUT, "max_tokens": CUT, "content_filter": FILTERED, "safety": FILTERED, "refusal": REFUSED}
+NORMAL_ENDS = frozenset(
+    ("stop", "stop_sequence", "end_turn", "eos", "eos_token", "tool_calls", "tool_use", "function_call", "complete")
+)
+_ENDS = {
+    **dict.fromkeys(("length", "max_tokens", "max_output_tokens", "model_length"), CUT),
+    "model_context_window_exceeded": CUT,
+    **dict.fromkeys(("content_filter", "content_filtered", "guardrail_intervened", "sensitive", "safety"), FILTERED),
+    **dict.fromkeys(("recitation", "blocklist", "prohibited_content", "spii"), FILTERED),
+    "refusal": REFUSED,
+}
 
 ASK_AGAIN = "That does not name exactly one action. Write the name of one legal action on a line of its own."
 
@@ -113,9 +121,8 @@ def unusual_end(finish_reason: object) -> str | None:
 
     A server that gives no reason counts as normal.
     """
-    if finish_reason is None or str(finish_reason).lower() in NORMAL_ENDS:
-        return None
-    return _ENDS.get(str(finish_reason).lower(), FAILED)
+    name = "" if finish_reason is None else str(finish_reason).strip().lower()
+    return None if not name or name in NORMAL_ENDS else _ENDS.get(name, FAILED)
 
 
 def reply_text(content: object) -> str | None:

@@ -141,7 +141,7 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
             line = json.dumps({**place, "statement": statement, **found}, ensure_ascii=False)
             print(f"{',' if index else '['}{line}", flush=True)
             progress.advance()
-    print("]")
+    print("]" if sentences else "[]")
     return 0
 
 
@@ -164,9 +164,9 @@ def _sentences(path: Path) -> Iterator[tuple[JSON, str]]:
         for number, line in enumerate(content.removesuffix("\n").split("\n"), start=1):
             yield {"line": number}, line.removesuffix("\r")
         return
-    reader = csv.reader(io.StringIO(content, newline=""))
+    reader = csv.reader(io.StringIO(content, newline=""), strict=True)
     try:
-        header = [name.strip().lower() for name in next(reader)]
+        header = [name.strip().lower() for name in next(filter(None, reader))]
         column = next((header.index(name) for name in SENTENCE_COLUMNS if name in header), None)
         if column is None:
             raise CommandError(f"{path}: no column {' or '.join(SENTENCE_COLUMNS)} in its header {', '.join(header)}")

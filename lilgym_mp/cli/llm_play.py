@@ -22,6 +22,7 @@ from lilgym_mp.cli.llm_runs import (
     drawn,
     print_calls,
     read_agent_options,
+    stored,
     stored_settings,
 )
 from lilgym_mp.cli.options import (
@@ -41,7 +42,7 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation.files import fresh_file, json_line, numbered, read_json, read_lines, write_json, write_lines
+from lilgym_mp.evaluation.files import fresh_file, json_line, numbered, read_lines, write_json, write_lines
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
@@ -229,7 +230,7 @@ def _stored(out: Path) -> tuple[JSON, list[Transcript]]:
     from lilgym_mp.contrib.llm import Transcript
 
     try:
-        before = read_json(out / SUMMARY)["settings"]
+        _, before = stored(out / SUMMARY)
         episodes = [Transcript.from_json(each) for each in read_lines(out / TRANSCRIPTS) if "error" not in each]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CommandError(f"{out}: no run to resume ({type(error).__name__}: {error})") from None

@@ -17,12 +17,13 @@ from lilgym_mp.cli.llm_runs import (
     print_calls,
     public,
     read_agent_options,
+    stored,
     stored_settings,
 )
 from lilgym_mp.cli.options import JSON, CommandError, add_number, check_at_least, given_environment
-from lilgym_mp.evaluation.files import fresh_file, json_line, read_json, read_lines, write_json, write_lines
+from lilgym_mp.evaluation.files import fresh_file, json_line, read_lines, write_json, write_lines
 from lilgym_mp.evaluation.terminal import Progress
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, flag_name
 from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ PROTOCOLS = ("veto", "audit", "critique", "joint")
 FULL = "full"
 BOTH = "both"
 GAME_OPTIONS = ("views", "role", "partner", "words")
+PARTNER_OPTION = "partner_option"
 SEATS = ("proposer", "verifier")
+KEY = (*SEATS, "role")  # of stored answers
 BEST = {"proposer": ("expert", "expert-deceptive"), "verifier": ("oracle",)}
 BEST_GUIDED = {"proposer": ("builder",), "verifier": ("guide",)}
 BASELINES = {"proposer": ("random",), "verifier": ("random", "target-only")}  # besides the best
@@ -67,15 +70,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def is_asked(args: argparse.Namespace) -> bool:
     """Whether the game is to be played. Raises CommandError for the game's options without it."""
     if args.protocol is None:
-        for name in GAME_OPTIONS:
+        for name in (*GAME_OPTIONS, PARTNER_OPTION):
             if getattr(args, name):
-                raise CommandError(f"--{name} is for the two-agent game; add --protocol {'|'.join(PROTOCOLS)}")
+                raise CommandError(
+                    f"--{flag_name(name)} is for the two-agent game; add --protocol {'|'.join(PROTOCOLS)}"
+                )
     return args.protocol is not None
 
 
 def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> int:
     """Plays games with a language model, and prints and writes a table of all pairs of players."""
     from lilgym_mp.cli.evaluate_game import LEGEND, games_table
+    from lilgym_mp.contrib.llm.agents import without_secrets
     from lilgym_mp.contrib.llm.summary import calls
     from lilgym_mp.envs.proposer_verifier import GameSettings, play_games
     from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
@@ -83,6 +89,8 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
     from lilgym_mp.wrappers.replies import FAILED
 
     check_at_least(args, 0, "words")
+    partner_options = read_agent_options(args.partner_option)
+    secrets = {**agent_options, PARTNER_OPTION: partner_options}
     views = {"views": "guide"} if args.views == "guide" else {}
     game = GameSettings(
         args.configuration, protocol=args.protocol, split=args.split, **views, **given_environment(args)
@@ -95,13 +103,10 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
     settings = {
         **stored_settings(args, ("configuration", "protocol", "episodes", *GAME_OPTIONS), env.tasks.provenance.sha256),
         **{name: public(name, value) for name, value in given_environment(args).items()},
-        "partner_option": public("", read_agent_options(args.partner_option)),
+        PARTNER_OPTION: public("", partner_options),
     }
     args.out = args.out or default_directory("llm-game", args.configuration, args.protocol, args.agent, model)
-    answered = _answered(args, settings)
-    recalled: dict[Any, list[Any]] = grouped(
-        ((each["proposer"], each["verifier"], each["role"]), each) for each in answered
-    )
+    recalled = _answered(args, settings)
     chosen = drawn(env.tasks, args.episodes, args.seed)
     results: list[JSON] = []
     games: list[JSON] = []
@@ -118,7 +123,11 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
             }
             players = [talking.get(seat) or scripted[seat][name] for seat, name in pair.items()]
             records = play_games(env, *players, tasks=chosen, seed=args.seed)
-            errors = {task: error for each in talking.values() for task, error in each.errors.items()}
+            errors = {
+                task: without_secrets(error, secrets)
+                for each in talking.values()
+                for task, error in each.errors.items()
+            }
             results.append({**pair, **_measured(records, errors)})
             for record in records if talking else ():
                 told = {seat: each.messages.get(record.task, []) for seat, each in talking.items()}
@@ -158,40 +167,48 @@ def _measured(records: Sequence[GameRecord], errors: Mapping[str, str]) -> JSON:
     return {**success, "outcomes": dict(sorted(outcomes.items())), **measures}
 
 
-def _answered(args: argparse.Namespace, settings: JSON) -> list[Any]:
-    """The answers of an unfinished run in the directory, whose settings must be the same.
+def _answered(args: argparse.Namespace, settings: JSON) -> Mapping[tuple[str, ...], list[tuple[str, Turn]]]:
+    """The tasks and answers of an unfinished run in the directory, by KEY; its settings must be the same.
 
     Raises CommandError for a finished run, and for another one's directory.
     """
-    summary, turns = args.out / SUMMARY, args.out / TURNS
+    from lilgym_mp.contrib.llm.summary import Turn
+
+    path, turns = args.out / SUMMARY, args.out / TURNS
     known: list[Any] = []
-    if summary.exists() and not args.force:
-        before = read_json(summary)
-        check_settings(args.out, before.get("settings", {}), settings)
-        if "results" in before and not before["failed_games"]:
+    if (args.resume or path.exists()) and not args.force:
+        try:
+            summary, before = stored(path)
+            known = read_lines(turns) if turns.exists() else []
+            answered = grouped(
+                (tuple(str(each[name]) for name in KEY), (str(each["task"]), Turn(**each["turn"]))) for each in known
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise CommandError(f"{args.out}: no run to continue ({type(error).__name__}: {error})") from None
+        check_settings(args.out, before, settings)
+        if "results" in summary and not summary.get("failed_games"):
             raise CommandError(f"{args.out} has this run; --out DIR plays it again, --force overwrites it")
-        known = read_lines(turns) if turns.exists() else []
         print(f"continues    {args.out}, {len(known)} answers are there")
     else:
+        answered = {}
         for name in (TURNS, GAMES, SUMMARY):
             fresh_file(args.out / name, force=args.force)
-        write_json(summary, {"settings": settings})
+        write_json(path, {"settings": settings})
     write_lines(turns, known)
-    return known
+    return answered
 
 
 def _talking(
     args: argparse.Namespace,
     model: LanguageAgent,
     seat: Mapping[str, str],
-    recalled: Sequence[Any],
+    recalled: Sequence[tuple[str, Turn]],
     notes: dict[int, str],
     file: TextIO,
 ) -> LanguagePartner:
     """A language model in a seat, whose new answers are added to the file as they come, from threads."""
     from lilgym_mp.contrib.llm.asking import Asking
     from lilgym_mp.contrib.llm.game_player import LanguagePartner
-    from lilgym_mp.contrib.llm.summary import Turn
     from lilgym_mp.envs.proposer_verifier import Role
     from lilgym_mp.wrappers.replies import THOUGHTS
 
@@ -210,7 +227,7 @@ def _talking(
         words=args.words,
         notes=notes,
         concurrency=args.concurrency or getattr(model, "concurrency", None) or 1,
-        recalled=grouped((each["task"], Turn(**each["turn"])) for each in recalled),
+        recalled=grouped(recalled),
         on_turns=keep,
     )
 

@@ -15,6 +15,7 @@ from typing import Any
 from lilgym_mp.cli.options import JSON, RUNS, CommandError
 from lilgym_mp.corpus.records import unique_keys
 from lilgym_mp.corpus.tasks import TaskSet
+from lilgym_mp.evaluation.files import read_json
 from lilgym_mp.scene.grouping import grouped
 
 TEXT_OPTIONS = ("model", "directory", "url", "device")  # never read as JSON: a model may be called 1e3
@@ -93,9 +94,18 @@ def stored_settings(args: argparse.Namespace, names: Sequence[str], tasks_sha256
 
 def check_settings(out: Path, before: JSON, settings: JSON) -> None:
     """Raises CommandError naming the first setting that differs, with both values."""
-    for name, value in settings.items():
-        if before.get(name) != value:
-            raise CommandError(f"{out} was played with {name} {before.get(name)!r}, not {value!r}")
+    for name in {**settings, **before}:
+        if before.get(name) != settings.get(name):
+            raise CommandError(f"{out} was played with {name} {before.get(name)!r}, not {settings.get(name)!r}")
+
+
+def stored(path: Path) -> tuple[JSON, JSON]:
+    """The summary of a run, and the settings in it. Raises OSError, ValueError."""
+    summary = read_json(path)
+    settings = summary.get("settings") if isinstance(summary, dict) else None
+    if not isinstance(settings, dict):
+        raise ValueError("it has no settings")
+    return summary, settings
 
 
 def public(name: str, value: Any) -> Any:

@@ -33,11 +33,19 @@ _WORD = re.compile(r"""[^\W\d_]+|[0-9]+|[^\w\s.,;:!?'"()/*…“”‘’–—-
 _INTERJECTION = re.compile(r"\W*[^\W\d_]+\W*,")
 _NOT = re.compile(r"n't\b")
 _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
-_NO = (  # ways to say that there is no such thing, which statements of the corpora say with "no"
+_NO = (  # ways to say that there is no such thing, which statements of the corpora say with "no"; "up to"
     (re.compile(r"\bthere (is|are) not an?\b(?! single)"), r"there \1 no"),
     (re.compile(r"\bthere (?:does|do) not exist (?:a single|an?|any)\b"), "there is no"),
     (re.compile(r"\bthere exists? no\b"), "there is no"),
     (re.compile(r"^(\W*)(?:a single|an?|any) ([^,;]*?) (?:does|do) not exist\b(?=\W*$)"), r"\1there is no \2"),
+    (
+        re.compile(
+            r"\b(there (?:is|are)|with|has|have|holds?|contains?) (?:exactly )?(?:zero|0|(?:fewer|less) than (?:one|1))"
+            r" (?!or\b|to\b|and\b)(?=[a-z])"
+        ),
+        r"\1 no ",
+    ),
+    (re.compile(rf"\bup to (?=\d|(?:{'|'.join(NUMERALS)})\b)"), "at most "),
 )
 _POSSESSIVE = re.compile(r"'s\b|'")
 

@@ -182,15 +182,28 @@ def test_explain__parses_the_statements_of_a_file(capsys, tmp_path):
 
 
 def test_explain__reads_a_csv_file_by_its_header(capsys, tmp_path):
-    (tmp_path / "own.csv").write_text('id,note,Sentence\n7,"two\nlines",There is a blue block.\n,,\n8,x,"One, even."\n')
+    (tmp_path / "own.csv").write_text('\nid,note,Sentence\n7,"two\nlines",It is blue.\n,,\n8,x,"One, even."\n')
     found = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv"))
     assert [(each["line"], each["id"], each["statement"]) for each in found] == [
-        (2, "7", "There is a blue block."),
-        (4, "", ""),
-        (5, "8", "One, even."),
+        (3, "7", "It is blue."),
+        (5, "", ""),
+        (6, "8", "One, even."),
     ]
-    (tmp_path / "own.csv").write_text("id,text\n1,There is a blue block.\n")
-    with pytest.raises(CommandError, match="no column sentence or statement in its header id, text"):
+    (tmp_path / "own.csv").write_text("id,sentence\n")
+    assert json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv")) == []
+
+
+@pytest.mark.parametrize(
+    ("content", "error"),
+    [
+        ("id,text\n1,There is a blue block.\n", "no column sentence or statement in its header id, text"),
+        ('sentence\n"There is a blue block.\nThere are two.\n', "line 3: unexpected end of data"),
+        ('sentence\n"There is" a blue block.\n', "line 2: ',' expected"),
+    ],
+)
+def test_explain__refuses_a_csv_file_without_sentences_or_with_a_stray_quote(content, error, tmp_path):
+    (tmp_path / "own.csv").write_text(content)
+    with pytest.raises(CommandError, match=error):
         list(_sentences(tmp_path / "own.csv"))
 
 

@@ -57,6 +57,7 @@ def seat(role: Role, answer: Callable[[str], str | Answer], **options: Any) -> L
         (Role.VERIFIER, "reject\nMessage: DANCE", None),
         (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)\nMessage: STOP", None),
         (Role.VERIFIER, "reject\nNote: build it a little higher", Said(0, 0, "build it a")),
+        (Role.VERIFIER, "reject\nNote: up\nNote: and down", Said(0, 0, "up and down")),
         (Role.PROPOSER, "ADD(LEFT, BLUE)", Said(3)),
         (Role.PROPOSER, "Note: hi\nSTOP", Said(0, 0, "hi")),
         (Role.PROPOSER, "accept", None),
@@ -174,12 +175,19 @@ def test_command__continues_without_paying_twice(tmp_path, capsys):
         assert len(asked) == summary["answers"] + 1
         assert main([*arguments, "--seed", "5"]) == 2
         assert "was played with seed 0, not 5" in capsys.readouterr().err
+        del whole["results"]
+        (tmp_path / "summary.json").write_text(
+            json.dumps({**whole, "settings": {**whole["settings"], "corpus": "own"}})
+        )
+        assert main(arguments) == 2
+        assert "was played with corpus 'own', not None" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("more", "error"),
     [
         ("--role verifier", "--role is for the two-agent game"),
+        ("--partner-option model=x", "--partner-option is for the two-agent game"),
         ("--protocol veto --role proposer --partner expert", "unknown partner as verifier 'expert'; choose from"),
         ("--protocol veto --partner nobody", "no partner 'nobody'; choose a run, from expert"),
         ("--protocol duel", "choose from veto"),

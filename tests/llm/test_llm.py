@@ -31,7 +31,7 @@ from lilgym_mp.contrib.llm import (
 )
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
-from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
+from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent, ServerError, read_completion
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
@@ -312,6 +312,20 @@ def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs
     assert "SECRET" not in error
 
 
+@pytest.mark.parametrize("text", ["[]", "null", "{}", '{"settings": 5}', '{"settings": {', None])
+@pytest.mark.parametrize(
+    ("more", "told"), [("--resume", "no run to resume"), ("--protocol audit --resume", "no run to continue")]
+)
+def test_command__continues_no_directory_without_a_whole_summary(text, more, told, tmp_path, capsys):
+    if text is not None:
+        (tmp_path / "summary.json").write_text(text)
+    with served(stops) as (url, _):
+        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {more}") == 2
+    printed = capsys.readouterr().err
+    assert f"{tmp_path}: {told}" in printed
+    assert "object " not in printed
+
+
 def test_limited_episodes__are_drawn_over_statements():
     tasks = TOWER.tasks("dev")
     statements = len({task.statement for task in tasks})
@@ -322,7 +336,7 @@ def test_limited_episodes__are_drawn_over_statements():
     assert drawn(tasks, None, 0) == drawn(tasks, 10**6, 1) == list(tasks.ids)
 
 
-def ended(text: str | None, finish_reason: str, **message: Any) -> dict[str, Any]:
+def ended(text: str | None, finish_reason: str | None, **message: Any) -> dict[str, Any]:
     return {"choices": [{"message": {"content": text, **message}, "finish_reason": finish_reason}]}
 
 
@@ -348,6 +362,43 @@ def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(body, outcom
     assert problems == ({} if outcome == "wrong_stop" else {outcome: 4})
     for line in (tmp_path / "transcripts.jsonl").read_text().splitlines():
         assert ("STOP" in json.loads(line)["actions"]) == (outcome == "wrong_stop")
+
+
+@pytest.mark.parametrize(
+    ("finish_reason", "problem"),
+    [
+        *dict.fromkeys((None, "", "STOP", " stop", "tool_use", "COMPLETE")).items(),
+        *dict.fromkeys(
+            ("MAX_TOKENS", "model_length", "max_output_tokens", "model_context_window_exceeded"), "cut"
+        ).items(),
+        *dict.fromkeys(("SAFETY", "RECITATION", "sensitive", "guardrail_intervened"), "filtered").items(),
+    ],
+)
+def test_openai__knows_the_reasons_for_an_end_of_several_servers(finish_reason, problem):
+    body = json.dumps(ended("STOP", finish_reason)).encode()
+    assert read_completion(b"\xef\xbb\xbf" + body) == Answer("STOP", problem=problem)
+
+
+def test_openai__ignores_counts_of_tokens_that_no_answer_has():
+    counted = {**ended("STOP", "stop"), "usage": {"prompt_tokens": 10**400, "completion_tokens": -1}}
+    assert read_completion(json.dumps(counted).encode()) == Answer("STOP")
+
+
+@pytest.mark.parametrize(
+    ("body", "is_busy"),
+    [
+        ({"object": "error", "message": "Too many requests", "code": 40001}, True),
+        ({"message": "later", "code": 429}, True),
+        ({"detail": "RateLimitReached"}, True),
+        ({"error": {"status": "RESOURCE_EXHAUSTED"}}, True),
+        ({"error": "quota"}, False),
+        ({"choices": []}, False),
+    ],
+)
+def test_openai__asks_again_after_an_error_in_a_200_only_if_that_can_help(body, is_busy):
+    with pytest.raises(ServerError) as caught:
+        read_completion(json.dumps(body).encode())
+    assert caught.value.is_busy == is_busy
 
 
 ODD_BODIES: dict[str, tuple[int, Any, str]] = {
@@ -427,9 +478,10 @@ class Rejecting:
 
 
 @pytest.mark.parametrize("at_once", ["true", "false"])
-def test_command__errors_do_not_show_the_options_of_an_agent(at_once, capsys):
+@pytest.mark.parametrize("more", ["", "--protocol audit --role verifier"])
+def test_command__errors_do_not_show_the_options_of_an_agent(at_once, more, capsys):
     words = ["--option", "password=SECRET", f"at_once={at_once}"]
-    assert play(f"--agent {__name__}:Rejecting --episodes 1", *words) == 2
+    assert play(f"--agent {__name__}:Rejecting --episodes 1 {more}", *words) == 2
     printed = "".join(capsys.readouterr())
     assert "bad ..." in printed
     assert "SECRET" not in printed
@@ -469,6 +521,16 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path):
         ("--agent os:abort.x", "name it module:Class, importable from here"),
         ("--agent openai --option url=ftp://x model=m", "url must begin with http:// or https://"),
         ("--agent openai --option url=http://x model=m api_key=x", "api_key cannot be set"),
+        ('--agent openai --option url=http://x model=m extra_body={"model":"b"}', "extra_body cannot set model"),
+        ('--agent openai --option url=http://x model=m extra_body={"stream":true}', "extra_body cannot set stream"),
+        ("--agent openai --option url=http://x model=m extra_query=3", "extra_query must be a JSON object"),
+        (
+            "--agent openai --option url=http://x model=m retries=-1",
+            "retries must be a whole number of at least 0, not -1",
+        ),
+        ("--agent openai --option url=http://x model=m retries=2.5", "of at least 0, not 2.5"),
+        ("--agent openai --option url=http://x model=m timeout=1e12", "timeout must be a number of seconds above 0"),
+        ("--agent openai --option url=http://x model=m timeout=true", "timeout must be a number of seconds above 0"),
         ("--agent openai --option model=m", "set OPENAI_API_KEY to the API key, or give the"),
         ("--agent expert --resume --out nowhere", "nowhere: no run to resume"),
         ("--agent collections:OrderedDict", "has no method answer"),

@@ -47,6 +47,13 @@ def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tm
         for index, (player, task, actions, outcome) in enumerate(played):
             row = {"player": player, "task_id": task, "actions": actions, "outcome": outcome}
             database.save_episode(connection, database.PlayedEpisode(id=str(index), **fields, **row))
+    (run / "game").mkdir()
+    for name in (
+        "transcripts.jsonl",
+        "summary.json",
+        "turns.jsonl",
+    ):  # games have no such episodes
+        (run / "game" / name).write_text("{}\n")
     data = load_report_data([tmp_path / "recorded", run, tmp_path / "web.sqlite3"])
     assert (len(data.agents), "people" in data.agents) == (3, True)
     people = data.find("people", "TowerScratch")
@@ -68,10 +75,12 @@ def test_conversations__keep_the_outcome_of_answers_without_an_action(run):
     [
         ("summary.json", "{}", "there is no 'settings'"),
         ("transcripts.jsonl", "7\n", "no run of `llm play` that can be read"),
-        ("transcripts.jsonl", "", "has no episodes yet"),
+        ("transcripts.jsonl", "\n", "has no episodes yet"),
+        ("summary.json", "", "a value is of another type than `llm play` writes"),
     ],
 )
 def test_conversations__of_damaged_files_are_refused(run, file, content, message):
+    content = content or (run / file).read_text().replace('"seed": 0', '"seed": []')
     (run / file).write_text(content)
     with pytest.raises(EpisodesError) as caught:
         conversations(run)

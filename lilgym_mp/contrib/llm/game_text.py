@@ -130,15 +130,15 @@ def read_reply(
     text = answer_text(reply, thoughts)
     if text is None:
         return None
-    said: dict[str, set[str]] = {"message": set(), "note": set()}
+    said: dict[str, list[str]] = {"message": [], "note": []}
     for label, value in _LABELLED.findall(text):
-        said[label.lower()].add(value.strip(" \t*_`'\""))
+        said[label.lower()].append(value.strip(" \t*_`'\""))
     rest = _LABELLED.sub("", text)
     choice = _choice(rest, game, role, legal, thoughts)
     messages = {_message(each, game, role) for each in said["message"]} if game.message_sizes[role] else set[int]()
     if choice is None or len(messages) > 1 or None in messages:
         return None
-    note = " ".join(" ".join(sorted(said["note"])).split()[:words])
+    note = " ".join(" ".join(said["note"]).split()[:words])
     return Said(choice, next((each for each in messages if each is not None), SILENCE), note)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
-from typing import Any, cast
+from typing import Any
 
 from lilgym_mp.contrib.llm.agents import (
     Answer,
@@ -26,10 +27,18 @@ KEY_VARIABLE = "OPENAI_API_KEY"
 TIMEOUT_SECONDS = 120.0  # of a whole request
 DEFAULT_TOKENS = 512
 REFUSED_FIELDS = ("messages", "stream", "n")
+REFUSED_IN_BODY = ("model", *REFUSED_FIELDS)
+OBJECTS = frozenset(("extra_body", "extra_headers", "extra_query"))
 SHOWN = 300  # characters of a server's error
 BUSY = (408, 409, 429)  # besides 500 and above: status codes after which a request is sent again
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 8.0  # seconds before another attempt; doubled each time
 LONGEST_WAIT = 120.0  # seconds that a server may ask to wait
+MOST_TOKENS = 10**12  # of an answer; a higher count is none
+_BUSY_WORDS = re.compile(
+    r"rate.?limit|too many requests|overloaded|resource.?exhausted"
+    r"""|['"](?:code|status)['"]: ?['"]?(?:429|50[023]|529)\b""",
+    re.IGNORECASE,
+)
 
 
 class ServerError(ValueError):
@@ -75,10 +84,18 @@ class OpenAIAgent:
         for name in fields:
             if name in REFUSED_FIELDS or "key" in name:
                 raise ModelError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")
-        if timeout is not None and not (isinstance(timeout, int | float) and timeout > 0):
+        for name in OBJECTS & fields.keys():
+            if not isinstance(fields[name], dict | None):
+                raise ModelError(f"{name} must be a JSON object")
+        for name in REFUSED_IN_BODY:
+            if name in (fields.get("extra_body") or ()):
+                raise ModelError(f"extra_body cannot set {name}")
+        if type(retries) is not int or retries < 0:
+            raise ModelError(f"retries must be a whole number of at least 0, not {retries!r}")
+        if timeout is not None and not (type(timeout) in (int, float) and 0 < timeout <= threading.TIMEOUT_MAX):
             raise ModelError(f"timeout must be a number of seconds above 0 or null, not {timeout!r}")
         self._openai: Any = openai
-        self._timeout, self._retries = timeout, int(retries)
+        self._timeout, self._retries = timeout, retries
         self._client: Any = openai.OpenAI(api_key=self._key or "none", base_url=url, timeout=timeout, max_retries=0)
         if "max_completion_tokens" in fields and max_tokens == DEFAULT_TOKENS:
             max_tokens = None
@@ -97,7 +114,7 @@ class OpenAIAgent:
                     text = without_secrets(_told(error), self._secrets, self._key)
                     raise ModelError(f"{self._shown_url}: {text[:SHOWN]}") from None
                 time.sleep(_pause(error, attempt))
-        raise ModelError("retries must be 0 or more")
+        raise AssertionError("retries is at least 0")
 
     def _asked(self, messages: list[Message]) -> Answer:
         create = self._client.chat.completions.with_raw_response.create
@@ -113,7 +130,7 @@ class OpenAIAgent:
 
 def read_completion(body: bytes) -> Answer:
     """The answer in the body of a chat completion. Raises ServerError, with the server's words, for another body."""
-    text = body.decode(errors="replace")
+    text = body.decode("utf-8-sig", errors="replace")
     completion: Message = {}
     with suppress(ValueError, TypeError, RecursionError):
         completion = dict(json.loads(text))
@@ -123,7 +140,7 @@ def read_completion(body: bytes) -> Answer:
         said: Message = dict(choice["message"])
     except (LookupError, TypeError, ValueError):
         reason = f"not a chat completion; is /v1 missing from the url? The server sent {text[:SHOWN]!r}"
-        raise ServerError(reason) from None
+        raise ServerError(reason, is_busy=_says_busy(completion or text)) from None
     _refuse_error(choice)
     reason = choice.get("finish_reason")
     problem = unusual_end(reason)
@@ -145,12 +162,12 @@ def _refuse_error(data: Message) -> None:
     error = data.get("error")
     if error:
         words = json.dumps(error, ensure_ascii=False) if isinstance(error, dict | list) else str(error)
-        lowered = words.lower()
-        code = cast("Message", error).get("code") if isinstance(error, dict) else None
-        is_busy = str(code) in ("429", "500", "502", "503", "529") or any(
-            sign in lowered for sign in ("rate limit", "rate_limit", "too many requests", "overloaded")
-        )
-        raise ServerError(f"the server reported an error: {words}", is_busy=is_busy)
+        raise ServerError(f"the server reported an error: {words}", is_busy=_says_busy(error))
+
+
+def _says_busy(error: object) -> bool:
+    """Whether what a server sent instead of an answer says that another attempt can help."""
+    return _BUSY_WORDS.search(str(error)) is not None
 
 
 def _within(seconds: float | None, call: Callable[[], Any]) -> Any:
@@ -194,4 +211,4 @@ def _told(error: Exception) -> str:
 
 
 def _count(value: object) -> int | None:
-    return value if type(value) is int and value >= 0 else None
+    return value if type(value) is int and 0 <= value <= MOST_TOKENS else None

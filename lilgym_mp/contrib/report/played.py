@@ -17,12 +17,14 @@ from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"  # written by `lilgym-mp llm play`
+GAME_TURNS = "turns.jsonl"  # besides these, for games
 PEOPLE = "people"
 
 
 def is_conversation_run(directory: Path) -> bool:
-    """Whether the directory contains transcripts and a summary of `lilgym-mp llm play`."""
-    return all((directory / name).is_file() for name in (TRANSCRIPTS, SUMMARY))
+    """Whether the directory contains transcripts and a summary of `lilgym-mp llm play`, of single tasks."""
+    is_game = (directory / GAME_TURNS).exists()
+    return not is_game and all((directory / name).is_file() for name in (TRANSCRIPTS, SUMMARY))
 
 
 def conversations(directory: Path) -> Recording:
@@ -33,6 +35,7 @@ def conversations(directory: Path) -> Recording:
     try:
         summary = read_json(directory / SUMMARY)
         given = summary["settings"]
+        seed = int(given["seed"])
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
         split, option = given["split"], dict(given["option"])
         tasks = settings.tasks(split)
@@ -47,7 +50,7 @@ def conversations(directory: Path) -> Recording:
     if not episodes:
         raise EpisodesError(f"{directory}: has no episodes yet")
     shown_scene = {"scene": given.get("scene", "list")}
-    return _recording(directory, settings, split, label, "language model", episodes, int(given["seed"]), shown_scene)
+    return _recording(directory, settings, split, label, "language model", episodes, seed, shown_scene)
 
 
 def _reason(error: Exception) -> str:

@@ -18,6 +18,7 @@ _NUMBER = r"[.,/:'\u2019\u066b\u066c]"
 _SIGN = r"[-+\u2010-\u2015\u2212]"
 _FOREIGN_NUMBER = re.compile(
     rf"\d+(?:(?:{_NUMBER}|{_SIGN})\d+)+|(?<![\w)]){_SIGN}\s?\d+|(?<!\w){_NUMBER}\d+|\d+\s?[%\u2030]"
+    r"|\b\d{1,3}(?:\s\d{3})+\b"
 )
 _TOKEN = re.compile(r"\w+|[<>=!]=|[<>%]")
 # Words of statements, and what any program of a statement with one of them has one of
@@ -37,10 +38,21 @@ _EXPRESSIONS = {
     "corner corners": "is_touching_corner is_closely_touching_corner",
     "second": "is_second 2",
     "third": "is_third 3",
-    "left": "LEFT",
-    "right": "RIGHT",
+    "left": "LEFT 0",
+    "right": "RIGHT 2",
 }
-_NEGATED = re.compile(r"\b(?:not|NOT|lt|le)\b|!=|<|\b0\b")
+# The least number above the limit that a comparison names, besides N, and whether the numbers from there on are meant
+_COMPARISONS = {
+    "more than": (1, True),
+    "greater than": (1, True),
+    "at most": (1, False),
+    "fewer than": (0, False),
+    "less than": (0, False),
+    "at least": (0, True),
+}
+_COMPARED = re.compile(rf"(\b(?:no|not) )?\b({'|'.join(_COMPARISONS)}) (\d+)\b")
+_COMPARES = re.compile(r"([<>]=?) (\d+)\b")
+_NEGATED = re.compile(r"\b(?:not|NOT|lt|le)\b|!=|<|(?<!\[)\b0\b")
 _EXPRESSED_BY = {word: frozenset(tokens.split()) for words, tokens in _EXPRESSIONS.items() for word in words.split()}
 
 
@@ -64,7 +76,11 @@ def doubts(
             yield f"the first reading does not express {word!r}"
         elif word.isdecimal() and int(word) > 1 and not _has_number(int(word), tokens):
             yield f"the first reading does not have the number {word}"
-    negations = [word for word in words if word in _NEGATIONS]
+    text = " ".join(words)
+    negations = [word for word in _COMPARED.sub("", text).split() if word in _NEGATIONS]
+    yield from _other_limits(text, program, is_negated=bool(negations))
+    if negations and "empty" in words:
+        negations.append("empty")
     if len(negations) > len(_NEGATED.findall(program)):
         yield f"the first reading does not express {' and '.join(map(repr, negations))}"
     for value in (True, False):
@@ -79,6 +95,21 @@ def _foreign_numbers(statement: str) -> Iterator[str]:
     for sign in statement:
         if unicodedata.numeric(sign, None) is not None and unicodedata.decimal(sign, None) is None:
             yield sign
+
+
+def _other_limits(text: str, program: str, *, is_negated: bool) -> Iterator[str]:
+    """Lines about comparisons of the text with numbers, "fewer than 2", that the program does not make."""
+    if "All(" in program or "combinations(" in program:  # of all three boxes, or of two items
+        return
+    found = {(int(number) + (sign in (">", "<=")), sign[0] == ">") for sign, number in _COMPARES.findall(program)}
+    if "exist(" in program:
+        found.add((1, True))
+    if is_negated or "not" in program:
+        found |= {(limit, not is_from) for limit, is_from in found}
+    for negated, comparison, number in _COMPARED.findall(text):
+        more, is_from = _COMPARISONS[comparison]
+        if (int(number) + more, is_from != bool(negated)) not in found:
+            yield f"the first reading does not express '{negated}{comparison} {number}'"
 
 
 def _has_number(number: int, tokens: frozenset[str]) -> bool:

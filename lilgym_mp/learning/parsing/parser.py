@@ -116,7 +116,7 @@ class Parse:
     @property
     def is_understood(self) -> bool:
         """Whether a word was read that has a meaning of its own."""
-        return not self.unknown or not {*self.words[1:]} <= {*self.unknown} | FUNCTION_WORDS
+        return not {*self.words[1:]} <= {*self.unknown} | FUNCTION_WORDS
 
     @property
     def confidence(self) -> float:

@@ -370,6 +370,11 @@ NO_BLUE = "not exist(filter_obj(all_items, lambda x: is_blue(x)))"
         ("A blue block does not exist.", NO_BLUE),
         ("There are \uff13 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
         ("There are \u0663 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
+        ("There are exactly zero blue blocks.", NO_BLUE),
+        ("There are \u06f0 blue blocks.", NO_BLUE),
+        ("There is less than one blue block.", NO_BLUE),
+        ("There are no fewer than three blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) >= 3"),
+        ("The left box is empty.", "not exist(all_boxes[0])"),
     ],
 )
 def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(statement, program):
@@ -387,11 +392,14 @@ def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(statement,
         ("There are 1,000 black circles.", "'1,000' cannot be read"),
         ("There are more than \u22121 black circles.", "'\u22121' cannot be read"),
         ("There are \u2462 black circles.", "'\u2462' cannot be read"),
+        ("There are 1 000 black circles.", "'1 000' cannot be read"),
+        ("There are no more than 0 circles.", "does not express 'no more than 0'"),
         ("There is never a blue circle.", "unknown, 1 of 6 words: 'never'"),
         ("Zorbl, every circle is blue", "words: 'zorbl'"),
         ("≥ 3 circles", "words: '≥'"),
         ("There is a blök.", "words: 'blök'"),
         ("The asdf qwerty.", "nothing was understood"),
+        ("It is there.", "nothing was understood"),
         ("", "nothing was understood"),
     ],
 )
@@ -404,6 +412,39 @@ def test_shipped_agent__says_why_its_reading_is_uncertain(statement, doubt):
 @pytest.mark.parametrize("statement", ["There are exactly two towers.", "There is a tower with a blue block on top."])
 def test_shipped_agent__is_sure_of_plain_statements(statement):
     assert load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower").uncertain == ()
+
+
+@pytest.mark.parametrize(
+    ("statement", "doubt"),
+    [
+        ("Fewer than two blocks are blue.", "does not express 'fewer than 2'"),
+        ("The left box doesn't hold more than two blocks.", "does not express 'more than 2'"),
+        ("The left box is not empty.", "does not express 'not' and 'empty'"),
+        ("No box is empty.", "does not express 'no' and 'empty'"),
+    ],
+)
+def test_shipped_agent__says_that_a_limit_or_a_second_negation_was_not_read(statement, doubt):
+    assert doubt in " | ".join(load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower").uncertain)
+
+
+TWO_OR_LESS = "count(filter_obj(all_items, lambda x: is_blue(x))) <= 2"
+
+
+@pytest.mark.parametrize(
+    ("statement", "is_doubted"),
+    [
+        ("at most 2", False),
+        ("fewer than 3", False),
+        ("no more than 2", False),
+        ("not more than 2", False),
+        ("fewer than 2", True),
+        ("no fewer than 3", True),
+        ("at least 2", True),
+        ("more than 1", True),
+    ],
+)
+def test_doubts__compare_the_limits_of_the_statement_and_the_program(statement, is_doubted):
+    assert any(doubts(statement, statement.split(), [(TWO_OR_LESS, 1.0)], (True, False))) == is_doubted
 
 
 def test_doubts__of_no_reading_and_a_close_rival():
