@@ -246,20 +246,11 @@ def test_examples_with_other_libraries__learn(tmp_path, name, module, options, p
     assert printed[-1] >= printed[0] + gain
 
 
-@pytest.mark.parametrize(
-    ("module", "text"),
-    [("torchrl", "from torchrl."), ("sb3_contrib", "make_game_vec_env"), ("supersuit", "MaskablePPO")],
-)
-def test_code_in_the_integrations_page__prints_the_described_output(module, text):
+@pytest.mark.filterwarnings("ignore")  # of the libraries
+@pytest.mark.parametrize(("module", "text"), [("torchrl", "from torchrl."), ("supersuit", "MaskablePPO")])
+def test_code_in_the_integrations_page__prints_the_described_output(module, text, capsys):
     _needs(module)
     page = (TESTS.parent / "docs" / "integrations.md").read_text()
     blocks = [block for block in code_blocks(page) if text in block.code]
-    done = subprocess.run(
-        [sys.executable, "-c", "".join(block.code for block in blocks)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=TESTS.parent,
-        timeout=TIMEOUT_SECONDS,
-    )
-    assert done.stdout == "".join(block.output or "" for block in blocks), done.stderr[-2000:]
+    exec("".join(block.code for block in blocks), {"__name__": "__main__"})
+    assert capsys.readouterr().out == "".join(block.output or "" for block in blocks)

@@ -211,10 +211,10 @@ def restart(env, observations, rewards, infos, ended):
 
 
 VECTORS = {
-    (AutoresetMode.SAME_STEP, show_next): "'image' in observation of event",
-    (AutoresetMode.SAME_STEP, swap): "reward of event",
-    (AutoresetMode.NEXT_STEP, pay): "reward and flags of a reset in mode NEXT_STEP must be 0",
-    (AutoresetMode.NEXT_STEP, mark): "info of event",
+    (AutoresetMode.SAME_STEP, show_next): "'image' in part . of 'final_obs' in info of step",
+    (AutoresetMode.SAME_STEP, swap): "reward of step",
+    (AutoresetMode.NEXT_STEP, pay): "reward of step",
+    (AutoresetMode.NEXT_STEP, mark): "in info of step",
     (AutoresetMode.DISABLED, restart): "after the end of an episode must raise ResetNeeded",
 }
 
@@ -247,8 +247,12 @@ def test_check_sb3_env__finds():
 
     single = partial(gym.make, TOWER, observation="arrays")
     for name, change, message in (
-        ("terminal_observation", lambda last: {**last, "image": last["image"] * 0}, "'image' in observation of event"),
-        ("TimeLimit.truncated", lambda truncated: not truncated, "terminated of event"),
+        (
+            "terminal_observation",
+            lambda last: {**last, "image": last["image"] * 0},
+            "'image' in 'terminal_",
+        ),
+        ("TimeLimit.truncated", lambda truncated: not truncated, "'TimeLimit.truncated' in part"),
     ):
         with pytest.raises(AssertionError, match=message):
             testing.check_sb3_env(partial(ChangedSB3, name, change), single)
@@ -270,10 +274,12 @@ def test_check_game__finds(monkeypatch):
             observations, rewards, *rest = super().step(actions)
             return observations, dict(zip(rewards, reversed(rewards.values()), strict=True)), *rest
 
-    for broken, message in ((Allowing, "'action_mask' in"), (Swapping, "'proposer_0' in reward of event")):
+    for broken, message in ((Allowing, "'action_mask' in"), (Swapping, "'proposer_0' in 'reward' in part . of step")):
         with pytest.raises(AssertionError, match=message):
             testing.check_batched_games(
-                partial(broken, rewards="correctness"), partial(parallel_env, rewards="correctness")
+                partial(broken, rewards="correctness"),
+                partial(parallel_env, rewards="correctness"),
+                num_games=3,
             )
     game = parallel_env()
     monkeypatch.setattr(game, "reset", lambda seed=None, options=None: type(game).reset(game))

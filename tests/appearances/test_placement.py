@@ -69,7 +69,7 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
 
 
 @pytest.mark.parametrize(
-    "older_footprint", [pytest.param(each, marks=() if each % 8 == 0 else pytest.mark.long) for each in FOOTPRINTS]
+    "older_footprint", [pytest.param(each, marks=() if each == 8 else pytest.mark.long) for each in FOOTPRINTS]
 )
 def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint):
     x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it
@@ -104,7 +104,7 @@ def shipped():
         return dict(arrays)
 
 
-@pytest.mark.parametrize("footprint", [0, 4, 8])
+@pytest.mark.parametrize("footprint", [0, 8])
 def test_shipped_ties__equal_those_that_the_script_finds(shipped, footprint):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
@@ -116,7 +116,7 @@ def test_shipped_ties__equal_those_that_the_script_finds(shipped, footprint):
 
 
 @pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
-@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 8), ((38, 10), 6), ((19, 1), 2), ((95, 20), 2)], ids=str)
+@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 4), ((38, 10), 3), ((19, 1), 2), ((95, 20), 2)], ids=str)
 def test_random_play__every_edit_equals_shapelys(grid, plays, rules):
     scatter, chance, tried = Scatter(grid), random.Random(0), 0
     for _ in range(plays):

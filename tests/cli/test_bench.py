@@ -1,7 +1,5 @@
 """`lilgym-mp bench` measures what it claims to; the speeds themselves are not tested."""
 
-from __future__ import annotations
-
 import sys
 
 import gymnasium as gym
@@ -39,7 +37,7 @@ def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignor
 
 
 @pytest.fixture
-def few_actions(monkeypatch) -> None:
+def few_actions(monkeypatch):
     """Makes the command's workloads short."""
     monkeypatch.setattr(bench, "Workload", lambda settings, name, actions: Workload(settings, name, 110))
 

@@ -1,7 +1,5 @@
 """Usage errors print one line and exit with code 2, without traceback; and the help of every command."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

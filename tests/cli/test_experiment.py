@@ -1,7 +1,5 @@
 """`lilgym-mp experiment`: valid and invalid files; runs are executed once, resumed and reported on."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -10,7 +8,6 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -34,7 +31,7 @@ learner = "ppo"
 """
 
 
-def write_file(path: Path, text: str) -> Path:
+def write_file(path, text):
     path.write_text(text)
     return path
 
@@ -203,7 +200,7 @@ def test_experiment__trains_the_game_and_measures_it(tmp_path):
 class Script(Attempt):
     """Replaces the commands by a fast success or a failure."""
 
-    def _call(self, words: Sequence[str]) -> None:
+    def _call(self, words):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
@@ -249,7 +246,7 @@ def test_experiment__training_ends_when_the_command_is_killed(tmp_path):
     assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
 
 
-def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
+def start_experiment(directory, steps):
     """Starts an experiment in a subprocess and waits until its run has some progress."""
     file = write_file(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
     command = f"{sys.executable} -m lilgym_mp experiment {file} --jobs 2 --out {directory / 'out'}".split()
@@ -262,14 +259,14 @@ def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     return process
 
 
-def child_of(pid: int) -> int:
+def child_of(pid):
     """The only child of a process."""
     tasks = Path(f"/proc/{pid}/task").glob("*/children")  # see proc(5)
     (child,) = [int(found) for children in tasks for found in children.read_text().split()]
     return child
 
 
-def is_alive(pid: int) -> bool:
+def is_alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -312,7 +309,7 @@ def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, cap
 class Terminal(io.StringIO):
     """A stream that claims to be a terminal."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Generator
 from functools import partial
 from http.server import HTTPServer, SimpleHTTPRequestHandler
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -33,14 +31,14 @@ class Server(HTTPServer):
     interruptions = 0
 
     @property
-    def url(self) -> str:
+    def url(self):
         return f"http://127.0.0.1:{self.server_port}"
 
 
 class _Handler(SimpleHTTPRequestHandler):
     server: Server
 
-    def do_GET(self) -> None:
+    def do_GET(self):
         if self.server.interruptions:
             self.server.interruptions -= 1
             self.send_response(200)
@@ -50,12 +48,12 @@ class _Handler(SimpleHTTPRequestHandler):
         else:
             super().do_GET()
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, *_):
         pass
 
 
 @pytest.fixture
-def server(small_release, monkeypatch) -> Generator[Server, None, None]:
+def server(small_release, monkeypatch):
     """Serves the small release on loopback, without a proxy and without pauses between tries."""
     monkeypatch.setenv("no_proxy", "127.0.0.1")
     monkeypatch.setattr("pooch.core.time", SimpleNamespace(sleep=lambda seconds: None))
@@ -68,7 +66,7 @@ def server(small_release, monkeypatch) -> Generator[Server, None, None]:
 
 
 @pytest.fixture
-def target(tmp_path) -> Path:
+def target(tmp_path):
     return tmp_path / "cache" / "lilgym"
 
 

@@ -40,7 +40,7 @@ if __name__ == "__main__":
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
 
-def shared_files() -> set[str]:
+def shared_files():
     """Files of shared memory, without semaphores, of which workers have none."""
     return {name for name in os.listdir("/dev/shm") if not name.startswith("sem.")}
 

@@ -1,7 +1,5 @@
 """The example that makes a table of a model."""
 
-from __future__ import annotations
-
 import sys
 
 import table_language_model as table

@@ -1,7 +1,5 @@
 """Each adapter keeps the contract of its library, where that is installed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -20,7 +18,7 @@ ROOT = Path(__file__).parents[2]
         *((name, name) for name in ("openenv", "reasoning_gym", "trl", "verifiers")),
     ],
 )
-def test_adapter__passes_the_tests_of_its_folder(folder: str, library: str) -> None:
+def test_adapter__passes_the_tests_of_its_folder(folder, library):
     pytest.importorskip(library, reason=f"needs the library of integrations/{folder}")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", "."]
     path = os.pathsep.join([".", str(ROOT), os.environ.get("PYTHONPATH", "")])
