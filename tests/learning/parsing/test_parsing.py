@@ -56,17 +56,11 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
-from tests.corpora import entry, write_own_corpus, write_thin_corpus
+from tests.corpora import entry, write_own_corpus
 from tests.learning.conftest import accuracy, equal
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
 SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
-
-
-@pytest.fixture(scope="module")
-def thin(tmp_path_factory):
-    """The path of a part of the builtin corpus."""
-    return str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 5))
 
 
 @pytest.fixture(scope="module")
@@ -196,12 +190,12 @@ def test_training__is_reproducible_by_seed(own, tmp_path):
 
 
 @pytest.mark.long
-def test_calibration__is_of_the_probabilities_of_the_agent(thin, tmp_path, monkeypatch):
+def test_calibration__is_of_the_probabilities_of_the_agent(own, tmp_path, monkeypatch):
     calibrated = []
     monkeypatch.setattr(training, "calibrated_temperature", lambda predictions: 0.25)
     monkeypatch.setattr(training, "forecasts", lambda parser, *rest: calibrated.append(parser) or [(0.5, True)] * 9)
-    agent = train_parser(thin, SMALL, tmp_path, device="cpu")
-    for example in training.corpus_examples(thin)[:20]:
+    agent = train_parser(own, SMALL, tmp_path, device="cpu")
+    for example in training.corpus_examples(own):
         found = (one.parse(example.statement, "tower").candidates for one in (calibrated[0], agent.parser))
         assert next(found) == next(found)
 

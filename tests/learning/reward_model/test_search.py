@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
@@ -38,6 +38,7 @@ def new_planner(appearance, *, seed=0, is_flipit=True):
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
+@settings(max_examples=20)
 @given(data=st.data())
 def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance, data):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
