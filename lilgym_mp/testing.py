@@ -41,6 +41,7 @@ LAST_SHARE = 0.2
 LAST = 9  # actions
 RUNNING = {"TimeLimit.truncated": False}  # an info that SB3 has before an end too
 ADDED = ("episode", "agent")  # infos that only this package's VecEnvs have
+RESET = ("observation", "info")
 STEP = ("observation", "reward", "terminated", "truncated", "info")
 OUTCOMES = ("success", "wrong_stop", "invalid_action", "horizon")
 
@@ -246,6 +247,10 @@ class _Player(Protocol):
     def close(self) -> None: ...
 
 
+def _named(names: Sequence[str], values: Sequence[Any]) -> Results:
+    return dict(zip(names, values, strict=True))
+
+
 class _Single:
     """A Gymnasium environment."""
 
@@ -253,10 +258,10 @@ class _Single:
         self.env, self.action_space, self.close = env, env.action_space, env.close
 
     def reset(self, seed: int | None) -> Results:
-        return dict(zip(("observation", "info"), self.env.reset(seed=seed), strict=True))
+        return _named(RESET, self.env.reset(seed=seed))
 
     def step(self, actions: list[Any]) -> Results:
-        results = dict(zip(STEP, self.env.step(actions[0]), strict=True))
+        results = _named(STEP, self.env.step(actions[0]))
         if results["terminated"] or results["truncated"]:
             results["start"] = self.reset(None)
         return results
@@ -273,13 +278,13 @@ class _Vector:
         self.env, self.action_space, self.close = env, env.single_action_space, env.close
 
     def reset(self, seed: int | None, **options: Any) -> Results:
-        results = dict(zip(("observation", "info"), self.env.reset(seed=seed, **options), strict=True))
+        results = _named(RESET, self.env.reset(seed=seed, **options))
         self.check(results["observation"])
         return results
 
     def step(self, actions: list[Any]) -> Results:
         batch = concatenate(self.action_space, actions, create_empty_array(self.action_space, len(actions)))
-        results = dict(zip(STEP, self.env.step(batch), strict=True))
+        results = _named(STEP, self.env.step(batch))
         self.check(results["observation"])
         ends = results["terminated"] | results["truncated"]
         if ends.any() and self.env.metadata["autoreset_mode"] is AutoresetMode.DISABLED:
