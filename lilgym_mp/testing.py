@@ -440,9 +440,8 @@ def assert_same(value: Any, expected: Any, what: str = "the value") -> None:
             assert_same(part, expected_part, f"part {index} of {what}")
     else:
         one, other = np.asarray(value), np.asarray(expected)
-        _require(one.dtype == other.dtype, f"{what} has dtype {one.dtype}, not {other.dtype}")
-        if not np.array_equal(one, other):  # texts of arrays are slow
-            raise AssertionError(f"{what} is {value!r}, not {expected!r}")
+        if one.dtype != other.dtype or not np.array_equal(one, other):  # texts of arrays are slow
+            raise AssertionError(f"{what} is {value!r} ({one.dtype}), not {expected!r} ({other.dtype})")
 
 
 def _require(condition: object, message: str) -> None:

@@ -69,13 +69,14 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
 
 
 @pytest.mark.parametrize(
-    "older_footprint", [pytest.param(each, marks=() if each == 8 else pytest.mark.long) for each in FOOTPRINTS]
+    ("older_footprint", "footprints"),
+    [(8, (0, 4)), *(pytest.param(each, FOOTPRINTS, marks=pytest.mark.long) for each in FOOTPRINTS)],
 )
-def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint):
+def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint, footprints):
     x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it
     tables, older = placement_tables(), item_of(older_footprint, x, y)
     places = [(x + dx, y + dy) for dx in SPAN for dy in SPAN]
-    for footprint in FOOTPRINTS:
+    for footprint in footprints:
         codes = np.array([tables.closest(footprint, *place, (older,))[0] for place in places])
         near = np.nonzero((codes > OVERLAPPING) & (codes < FIRST_TOO_FAR))[0]
         frame_x = BOX_PITCH * (footprint % 3)

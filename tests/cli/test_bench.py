@@ -67,10 +67,10 @@ def test_bench__ctrl_c_keeps_results_so_far(capsys, monkeypatch):
         return 1.0
 
     monkeypatch.setattr(bench.Player, "rate", rate)
-    assert lilgym("bench --quick --only single") == 130
+    assert lilgym("bench --quick --only single --configuration TowerFlipIt TowerScratch") == 130
     printed = capsys.readouterr()
     assert "### TowerFlipIt" in printed.out
-    assert "### ScatterFlipIt" not in printed.out
+    assert "### TowerScratch" not in printed.out
 
 
 def test_missing_package__leaves_out_its_ways(capsys, monkeypatch):
