@@ -1,8 +1,15 @@
 """Commands of tests, written as one types them."""
 
 import shlex
+import subprocess
+import sys
 
 from lilgym_mp.cli import USAGE_ERROR, main
+
+
+def python(*arguments, **settings):
+    """What a new process of Python printed, and how it ended; `settings`: of `subprocess.run`."""
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, **settings)
 
 
 def lilgym(command, *more):

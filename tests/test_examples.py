@@ -6,7 +6,6 @@ import json
 import os
 import re
 import runpy
-import subprocess
 import sys
 from base64 import b64decode
 from pathlib import Path
@@ -18,6 +17,7 @@ from PIL import Image
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
+from tests.command_line import python
 from tests.documents import code_blocks
 
 TESTS = Path(__file__).parent
@@ -238,11 +238,8 @@ def test_finetune_language_model__reports_each_phase_and_saves_the_models(run, t
 )
 def test_examples_with_other_libraries__learn(tmp_path, name, module, options, pattern, gain):
     _needs(module)
-    command = [sys.executable, EXAMPLES / f"{name}.py", *options.split()]
     environment = {**os.environ, "PYTHONPATH": str(EXAMPLES.parent)}
-    done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, check=False
-    )
+    done = python(EXAMPLES / f"{name}.py", *options.split(), cwd=tmp_path, env=environment, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 0, done.stdout + done.stderr
     printed = [float(found) for found in re.findall(pattern, done.stdout, re.MULTILINE)]
     assert printed[-1] >= printed[0] + gain

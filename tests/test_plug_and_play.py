@@ -1,7 +1,6 @@
 """The obvious first code with Gymnasium and Stable-Baselines3 works."""
 
 import importlib
-import subprocess
 import sys
 
 import gymnasium as gym
@@ -13,6 +12,7 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
+from tests.command_line import python
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -105,7 +105,7 @@ try:
 except ImportError as fault:
     print(fault)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python("-c", code)
     assert done.stdout.splitlines() == [
         "['proposer_0', 'verifier_0']",
         f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
@@ -164,5 +164,5 @@ def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(
     script = tmp_path / "script.py"
     modules, used = MODULES[use == QUICK]
     script.write_text(SCRIPT.format(use=USES[use].strip(), modules=modules, used=used))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = python(script, cwd=tmp_path)
     assert done.stdout.splitlines()[-1:] == ["[True]"], done.stderr
