@@ -88,7 +88,7 @@ def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_
         assert np.array_equal(moves, moves_of(new[near], outlines[near]))
 
 
-@pytest.mark.parametrize("footprint", (0, 4, 8))  # each shape and each size
+@pytest.mark.parametrize("footprint", [0, 4, 8])  # each shape and each size
 def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint):
     assert shape_area(footprint) / AREA_UNIT == pytest.approx(script.footprint_polygon(footprint, 0, 0).area, abs=1e-6)
     for width, height in ((1, 1), (20, 20), (10, 5), (20, 100)):
