@@ -119,8 +119,9 @@ def check_game(make: Callable[[], Any], *, steps: int = 200) -> None:
             is_edit = agent == proposer and mask[agent].sum() > 1  # otherwise it waits
             is_wrong = "illegal_choice" in info or (is_edit and info.get("outcome") == "invalid_action")
             _require(not (mask[agent][action[agent]] and is_wrong), f"the mask allows {agent} {action[agent]}: {info}")
-            ends = step["terminated"] or step["truncated"]
-            _require(ends == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}")
+            _require(
+                ("info" in step) == ("outcome" in info), f"infos have an outcome if and only if the game ends: {info}"
+            )
 
 
 def check_batched_games(
@@ -139,10 +140,9 @@ def check_batched_games(
 def _check_same_play(ours: _Player, reference: _Player, steps: int) -> None:
     """Both play the same with a seed, again with this seed, and when a reset without one continues the generators."""
     with closing(ours), closing(reference), _global_generator_unused():
-        for seed, times in ((5, 2), (None, 1)):
+        for seed in (5, 5, None):
             expected = _play(reference, seed, steps)
-            for _ in range(times):
-                _check_same_history(_play(ours, seed, steps), expected, "compared with single environments")
+            _check_same_history(_play(ours, seed, steps), expected, "compared with single environments")
 
 
 def _check_seeds(make: Callable[[], _Player], steps: int) -> list[Results]:
@@ -196,14 +196,12 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[Results]:
     """The results of a reset and `steps` steps. Checks that later steps do not change them."""
     history = [player.reset(seed)]
     copies = copy.deepcopy(history)
-    generators: list[np.random.Generator] = []
-    for _ in range(steps):
+    for number in range(steps):
         before = player.look()
         before["mask"] = copy.deepcopy(before["mask"])
-        generators = generators or [np.random.default_rng(index) for index in range(len(before["mask"]))]
         actions = [
-            _choose(player.action_space, mask, generator)
-            for mask, generator in zip(before["mask"], generators, strict=True)
+            _choose(player.action_space, mask, np.random.default_rng([number, index]))
+            for index, mask in enumerate(before["mask"])
         ]
         results = player.step(actions)
         history.append({**before, "action": actions, **results})
@@ -215,10 +213,10 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[Results]:
 
 
 def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
-    """Mostly a legal action; any where there is no mask or it is not one of the space's actions."""
+    """Mostly a legal action; any where the mask is not one of the space's actions."""
     if isinstance(space, Mapping):
         return {agent: _choose(space[agent], mask[agent], generator) for agent in space}
-    if mask is None or not isinstance(space, spaces.Discrete):
+    if not isinstance(space, spaces.Discrete):
         space.seed(int(generator.integers(2**31)))
         return space.sample()
     kind = generator.random()
@@ -251,11 +249,15 @@ def _named(names: Sequence[str], values: Sequence[Any]) -> Results:
     return dict(zip(names, values, strict=True))
 
 
-class _Single:
-    """A Gymnasium environment."""
+class _Env:
+    """An environment or VecEnv."""
 
-    def __init__(self, env: SingleEnv) -> None:
+    def __init__(self, env: Any) -> None:
         self.env, self.action_space, self.close = env, env.action_space, env.close
+
+
+class _Single(_Env):
+    """A Gymnasium environment."""
 
     def reset(self, seed: int | None) -> Results:
         return _named(RESET, self.env.reset(seed=seed))
@@ -278,22 +280,21 @@ class _Vector:
         self.env, self.action_space, self.close = env, env.single_action_space, env.close
 
     def reset(self, seed: int | None, **options: Any) -> Results:
-        results = _named(RESET, self.env.reset(seed=seed, **options))
-        self.check(results["observation"])
-        return results
+        return self.checked(_named(RESET, self.env.reset(seed=seed, **options)))
 
     def step(self, actions: list[Any]) -> Results:
         batch = concatenate(self.action_space, actions, create_empty_array(self.action_space, len(actions)))
-        results = _named(STEP, self.env.step(batch))
-        self.check(results["observation"])
+        results = self.checked(_named(STEP, self.env.step(batch)))
         ends = results["terminated"] | results["truncated"]
         if ends.any() and self.env.metadata["autoreset_mode"] is AutoresetMode.DISABLED:
             self.check_step_after_end(batch)
             results["start"] = self.reset(None, options={"reset_mask": ends})
         return results
 
-    def check(self, observations: Any) -> None:
-        _require(observations in self.env.observation_space, "a batch's observation is not in its observation space")
+    def checked(self, results: Results) -> Results:
+        space = self.env.observation_space
+        _require(results["observation"] in space, "a batch's observation is not in its observation space")
+        return {**results, "info": _present(results["info"])}
 
     def check_step_after_end(self, actions: Any) -> None:
         _check_raises(ResetNeeded, "after the end of an episode", self.env.step, actions)
@@ -316,11 +317,8 @@ class _Reference(_Vector):
         return {"mask": np.array(masks), "goal": np.array(goals), "state": self.env.get_attr("state")}
 
 
-class _SB3:
+class _SB3(_Env):
     """A VecEnv of Stable-Baselines3."""
-
-    def __init__(self, env: Any) -> None:
-        self.env, self.action_space, self.close = env, env.action_space, env.close
 
     def reset(self, seed: int | None) -> Results:
         if seed is not None:
@@ -332,8 +330,9 @@ class _SB3:
 
     def step(self, actions: list[Any]) -> Results:
         observations, rewards, ends, infos = self.env.step(np.array(actions))
-        for row in (row_of(observations, env_id) for env_id in range(len(infos))):
-            _require(row in self.env.observation_space, "an observation is not in the observation space")
+        for env_id in range(len(infos)):
+            seen = row_of(observations, env_id)
+            _require(seen in self.env.observation_space, "an observation is not in the observation space")
         own = [{**RUNNING, **{key: info[key] for key in info if key not in ADDED}} for info in infos]
         return {"observation": observations, "reward": np.float32(rewards), "end": ends, "info": own, **self.starts()}
 
@@ -419,6 +418,15 @@ class _Games(_ParallelGames):
 def _step_of_game(observation: Any, rewards: Any, terminated: Any, truncated: Any, info: Any) -> Results:
     ends = {"info": info} if terminated or truncated else {}
     return {"observation": observation, "reward": rewards, "terminated": terminated, "truncated": truncated, **ends}
+
+
+def _present(infos: Mapping[str, Any]) -> dict[str, Any]:
+    """Infos of a batch without the values of environments for which the mask, `_key`, is false."""
+
+    def present(key: str, value: Any) -> Any:
+        return _present(value) if isinstance(value, Mapping) else value[infos[f"_{key}"]]
+
+    return {key: value if key.startswith("_") else present(key, value) for key, value in infos.items()}
 
 
 def _check_same_history(ours: list[Results], theirs: list[Results], where: str) -> None:
