@@ -103,8 +103,8 @@ def test_equal_arguments__train_equal_agents(statements, tmp_path):
 
 def test_training__survives_a_search_that_begins_a_new_box_table(statements, tmp_path, monkeypatch):
     monkeypatch.setattr("lilgym_mp.learning.reward_model.features.MOST_BOXES", 50)
-    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 3, reuse=1, searching=1.0)
-    assert agent.description.details["labels"] == 3 * 3 * 32
+    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 6, reuse=1, searching=1.0)
+    assert agent.description.details["labels"] == 6 * 3 * 32
 
 
 def test_interrupted_run__is_resumed(statements, tmp_path, monkeypatch):
