@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,23 +25,23 @@ class Watched:
     requests: list[str] = field(default_factory=list)  # URLs, except local ones
     faults: list[str] = field(default_factory=list)  # console errors and warnings, uncaught exceptions, failed requests
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.page.on("request", lambda request: self._record_request(request.url))
         self.page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
         self.page.on("console", self._record_message)
 
-    def _record_request(self, url: str) -> None:
+    def _record_request(self, url):
         if urlsplit(url).scheme not in LOCAL:
             self.requests.append(url)
 
-    def _record_message(self, message: Any) -> None:
+    def _record_message(self, message):
         if message.type in ("error", "warning"):
             self.faults.append(f"{message.type}: {message.text}")
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium():
     """A Playwright browser; skips if Chromium or Playwright is missing."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs the extra browser")
     program = next(filter(None, map(shutil.which, NAMES)), None)
@@ -56,7 +55,7 @@ def chromium() -> Iterator[Any]:
             browser.close()
 
 
-def axe_script() -> str:
+def axe_script():
     """The source of axe-core, which checks accessibility; skips if it is not installed."""
     package = pytest.importorskip("axe_playwright_python", reason="needs axe-core: pip install axe-playwright-python")
     return (Path(package.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
@@ -64,14 +63,14 @@ def axe_script() -> str:
 
 @contextmanager
 def watched_page(
-    browser: Any,
-    width: int = 1280,
-    height: int = 900,
+    browser,
+    width=1280,
+    height=900,
     *,
-    url: str | None = None,
-    dark: bool = False,
-    bypass_csp: bool = False,
-) -> Iterator[Watched]:
+    url=None,
+    dark=False,
+    bypass_csp=False,
+):
     """A new page in a window of the given size in pixels; paths are relative to `url`."""
     context = browser.new_context(
         viewport={"width": width, "height": height},

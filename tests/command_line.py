@@ -1,30 +1,34 @@
 """Commands of tests, written as one types them."""
 
-from __future__ import annotations
-
 import shlex
-from typing import Any
+import subprocess
+import sys
 
 from lilgym_mp.cli import USAGE_ERROR, main
 
 
-def lilgym(command: str, *more: object) -> int:
+def python(*arguments, **settings):
+    """What a new process of Python printed, and how it ended; `settings`: of `subprocess.run`."""
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, **settings)
+
+
+def lilgym(command, *more):
     """Runs `lilgym-mp` in this process with the words of `command`, then `more`; returns the exit code."""
     return main([*shlex.split(command), *map(str, more)])
 
 
-def succeeds(command: str, *more: object) -> None:
+def succeeds(command, *more):
     """Runs a command that must succeed."""
     assert lilgym(command, *more) == 0
 
 
-def output_of(capsys: Any, command: str, *more: object) -> str:
+def output_of(capsys, command, *more):
     """What a command that must succeed prints."""
     succeeds(command, *more)
     return capsys.readouterr().out
 
 
-def error_of(capsys: Any, command: str, *more: object) -> str:
+def error_of(capsys, command, *more):
     """What a command that must be refused as wrongly used prints on the standard error stream."""
     assert lilgym(command, *more) == USAGE_ERROR
     return capsys.readouterr().err

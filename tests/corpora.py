@@ -1,19 +1,14 @@
 """Small corpora of our own statements."""
 
-from __future__ import annotations
-
 import copy
 import gzip
 import json
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.official import FileFacts, content_digest, read_released_file
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Colour, Item, Scene
+from lilgym_mp.scene import Scene
 from tests.scenes import B, K, Y, scene, square, tower
 
 BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
@@ -23,7 +18,7 @@ CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 
 TRIANGLE = {"x_loc": 60, "y_loc": 5, "type": "triangle", "color": "#0099ff", "size": 10}
 
 
-def entry(name: str, appearance: str, split: str, statement: str, program: str, **starts: Any) -> dict[str, Any]:
+def entry(name, appearance, split, statement, program, **starts):
     """A corpus entry; `starts`: scenes as JSON, by what their ids end with."""
     truth = compile_program(program)
     return {
@@ -57,19 +52,19 @@ ROUND = entry(
 ROUND_IN_DEV = {**ROUND, "split": "dev", "starts": ROUND["starts"][:1]}
 
 
-def small_entries() -> list[dict[str, Any]]:
+def small_entries():
     """Three entries, which the caller may change: two of Tower's train, one of Scatter's dev."""
     return copy.deepcopy([BLUE, PAIR, ROUND_IN_DEV])
 
 
-def write_thin_corpus(path: Path, step: int) -> Path:
+def write_thin_corpus(path, step):
     """Writes every `step`-th statement of the builtin corpus and returns the path."""
     _, *lines = gzip.decompress(BUILTIN.read_bytes()).splitlines()
     write_corpus(path, "thin", "MIT", map(json.loads, lines[::step]))
     return path
 
 
-def write_released(directory: Path) -> Path:
+def write_released(directory):
     """Writes the Tower test split in the released file format and returns its directory."""
     directory.mkdir()
     blue, pair, _ = small_entries()
@@ -90,7 +85,7 @@ def write_released(directory: Path) -> Path:
     return directory
 
 
-def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def register_as_official(directory, monkeypatch):
     """Registers `write_released`'s files as official, one by digest and one by counts."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     (records,) = read_released_file(directory / names[0], []).records.values()
@@ -106,7 +101,7 @@ THREE_STATEMENTS = {
 }
 
 
-def write_three_statements(path: Path) -> Path:
+def write_three_statements(path):
     """Writes three statements without start scenes, the same in train and dev, and returns the path."""
     entries = [
         entry(f"{split}-{index}", "tower", split, statement, program)
@@ -122,7 +117,7 @@ COLOURS = {Y: "yellow", K: "black", B: "blue"}
 COLOURS_OF_SPLIT = {"train": (Y, K), "dev": (Y, B), "test": (B,)}
 
 
-def write_own_corpus(path: Path) -> Path:
+def write_own_corpus(path):
     """Writes the corpus and returns its path. A third of the dev statements occur verbatim in train."""
     entries = [
         entry
@@ -137,11 +132,11 @@ def write_own_corpus(path: Path) -> Path:
     return path
 
 
-def _corner_squares(*colours: Colour) -> list[Item]:
+def _corner_squares(*colours):
     return [square(25 * index, 0, colour=colour) for index, colour in enumerate(colours)]
 
 
-def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, Any]:
+def _has(split, appearance, colour, items):
     name = COLOURS[colour]
     other = next(candidate for candidate in COLOURS if candidate != colour)
     return entry(
@@ -152,7 +147,7 @@ def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, A
     )
 
 
-def _counts(split: str, appearance: str, items: Any) -> dict[str, Any]:
+def _counts(split, appearance, items):
     count = 1 + SPLITS.index(split)
     return entry(
         *(f"{appearance}-{split}-count", appearance, split, f"Count them: {count}.", f"count(all_items) == {count}"),

@@ -11,9 +11,7 @@ import contextlib
 import io
 import re
 import shlex
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lilgym_mp.cli import main
 
@@ -31,7 +29,7 @@ class CodeBlock(NamedTuple):
     number: int  # of the block in the document, from 1
 
 
-def code_blocks(text: str) -> Iterator[CodeBlock]:
+def code_blocks(text):
     """The Python blocks and commands of a document."""
     blocks = [(match[1], match[2]) for match in _BLOCK.finditer(text)]
     for number, (language, code) in enumerate(blocks, start=1):
@@ -42,17 +40,17 @@ def code_blocks(text: str) -> Iterator[CodeBlock]:
             yield from _commands(code, number)
 
 
-def _commands(block: str, number: int) -> Iterator[CodeBlock]:
+def _commands(block, number):
     for part in re.split(rf"^(?={re.escape(PROMPT)})", block, flags=re.MULTILINE):
         if part.startswith(PROMPT):
             command, _, output = part.partition("\n")
             yield CodeBlock("console", command.removeprefix(PROMPT), output or None, number)
 
 
-def run_document(path: Path) -> list[str]:
+def run_document(path):
     """Runs a document and returns a message for each block that fails or prints something unexpected."""
-    namespace: dict[str, Any] = {"__name__": "__main__"}
-    faults: list[str] = []
+    namespace = {"__name__": "__main__"}
+    faults = []
     for block in code_blocks(path.read_text()):
         place = f"{path.name}, block {block.number}"
         printed, failed = _run(block.language, block.code, namespace, place)
@@ -63,7 +61,7 @@ def run_document(path: Path) -> list[str]:
     return faults
 
 
-def _run(language: str, code: str, namespace: dict[str, Any], place: str) -> tuple[str, bool]:
+def _run(language, code, namespace, place):
     """The output, and whether the code failed."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
@@ -78,11 +76,11 @@ def _run(language: str, code: str, namespace: dict[str, Any], place: str) -> tup
     return out.getvalue(), False
 
 
-def _matches(expected: str, printed: str) -> bool:
+def _matches(expected, printed):
     """Whether the output matches, ignoring trailing blanks; `...` matches any text."""
     pattern = r".*".join(map(re.escape, re.split(r"\.\.\.", _trimmed(expected))))
     return re.fullmatch(pattern, _trimmed(printed), re.DOTALL) is not None
 
 
-def _trimmed(text: str) -> str:
+def _trimmed(text):
     return "\n".join(line.rstrip() for line in _LOADING.sub("", text).strip().splitlines())

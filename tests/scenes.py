@@ -1,9 +1,5 @@
 """Scenes for tests: helpers to write literal ones, and hypothesis strategies for random ones."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 from hypothesis import strategies as st
 
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
@@ -15,19 +11,19 @@ SMALL, MEDIUM, LARGE = Size.SMALL, Size.MEDIUM, Size.LARGE
 MAX_ITEMS = 8  # per box, as in the NLVR data
 
 
-def circle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+def circle(x, y, size=MEDIUM, colour=Y):
     return Item(x, y, Shape.CIRCLE, colour, size)
 
 
-def square(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+def square(x, y, size=MEDIUM, colour=Y):
     return Item(x, y, Shape.SQUARE, colour, size)
 
 
-def triangle(x: int, y: int, size: Size = MEDIUM, colour: Colour = Y) -> Item:
+def triangle(x, y, size=MEDIUM, colour=Y):
     return Item(x, y, Shape.TRIANGLE, colour, size)
 
 
-def tower(*colours: Colour) -> list[Item]:
+def tower(*colours):
     """Blocks in the given colours, bottom first."""
     return [square(40, 80 - 21 * level, colour=colour) for level, colour in enumerate(colours)]
 
@@ -36,10 +32,10 @@ NAMES = {member.name.lower(): member for kind in (Shape, Colour, Size) for membe
 LETTERS = {"y": Y, "k": K, "b": B}
 
 
-def items_of(text: str) -> list[Item]:
+def items_of(text):
     """Items such as "circle 0,70; square 40,80 large blue": medium and yellow unless said otherwise. "tower ykb" are
     blocks, bottom first: yellow, black and blue."""
-    found: list[Item] = []
+    found = []
     for each in filter(None, map(str.strip, text.split(";"))):
         shape, where, *words = each.split()
         if shape == "tower":
@@ -51,17 +47,17 @@ def items_of(text: str) -> list[Item]:
     return found
 
 
-def scene_of(text: str) -> Scene:
+def scene_of(text):
     """Boxes of `items_of`, separated by "|"; those to the right may be left out."""
     return scene(*map(items_of, text.split("|")))
 
 
-def scene(left: Sequence[Item] = (), middle: Sequence[Item] = (), right: Sequence[Item] = ()) -> Scene:
+def scene(left=(), middle=(), right=()):
     return Scene.of(left, middle, right)
 
 
 @st.composite
-def items(draw: st.DrawFn, overhang: int = 0) -> Item:
+def items(draw, overhang=0):
     """Items inside the box, or up to `overhang` pixels outside."""
     size = draw(st.sampled_from(Size))
     coordinate = st.integers(-overhang, BOX_SIDE - size.pixels + overhang)
@@ -69,9 +65,9 @@ def items(draw: st.DrawFn, overhang: int = 0) -> Item:
 
 
 @st.composite
-def scatter_boxes(draw: st.DrawFn) -> Box:
+def scatter_boxes(draw):
     """Boxes with non-overlapping items."""
-    placed: list[Item] = []
+    placed = []
     for item in draw(st.lists(items(), max_size=MAX_ITEMS)):
         if is_free(item.footprint, item.x, item.y, placed):
             placed.append(item)
@@ -82,7 +78,7 @@ tower_boxes = st.lists(st.sampled_from(Colour), max_size=4).map(lambda colours: 
 unchecked_boxes = st.lists(items(overhang=35), max_size=MAX_ITEMS).map(lambda unchecked: Box(tuple(unchecked)))
 
 
-def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
+def _scenes(boxes):
     return st.tuples(boxes, boxes, boxes).map(Scene)
 
 
@@ -90,7 +86,7 @@ SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  #
 UNCHECKED_SCENES = _scenes(unchecked_boxes)  # items may overlap and cross box walls
 
 
-def items_apart(one: Scene, other: Scene) -> int:
+def items_apart(one, other):
     """The number of items that are in only one of the scenes."""
     pairs = zip(one.boxes, other.boxes, strict=True)
     return sum(len(set(a.items) ^ set(b.items)) for a, b in pairs)

@@ -1,16 +1,13 @@
 """Imports modules from scripts/, which is not a package."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 
 SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
 
 
-def load_script(name: str) -> ModuleType:
+def load_script(name):
     """The module scripts/NAME.py, which may import others."""
     if str(SCRIPTS) not in sys.path:
         sys.path.append(str(SCRIPTS))

@@ -60,7 +60,7 @@ def test_solver__has_correct_doctests():
 
 
 README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
-    "parse-and-plan": "parse-and-plan --updates 2",
+    "parse-and-plan": "parse-and-plan --updates 2 --generated-pairs 100 --width 32 --held-out-statements 5",
     "--configuration TowerFlipIt": "--configuration TowerScratch",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import subprocess
 import sys
 from functools import partial
 from importlib.metadata import EntryPoint
@@ -21,6 +20,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import register_reward_term
 from lilgym_mp.envs.registration import register_appearance
 from lilgym_mp.scene import choices
 from lilgym_mp.wrappers.gymnasium_adapter import factory
+from tests.command_line import python
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -111,9 +111,7 @@ def installed(tmp_path_factory):
 def run_in(installed, *arguments):
     """What a new process of Python does in which the package is installed."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(installed)))}
-    return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, cwd=installed, env=environment, check=False
-    )
+    return python(*arguments, cwd=installed, env=environment)
 
 
 NO_EXPERT = "appearance 'lamps' has no expert; those that have one: scatter, tower"

@@ -1,7 +1,6 @@
 """The obvious first code with Gymnasium and Stable-Baselines3 works."""
 
 import importlib
-import subprocess
 import sys
 
 import gymnasium as gym
@@ -13,6 +12,7 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
+from tests.command_line import python
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -105,7 +105,7 @@ try:
 except ImportError as fault:
     print(fault)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python("-c", code)
     assert done.stdout.splitlines() == [
         "['proposer_0', 'verifier_0']",
         f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
@@ -116,10 +116,10 @@ except ImportError as fault:
 SCRIPT = """
 import gymnasium as gym
 import lilgym_mp
-from lilgym_mp import envs, learning, programs, sb3, wrappers as w
+from lilgym_mp import envs, {modules}, wrappers as w
 
 def make():
-    assert lilgym_mp.envs is envs and learning.common and programs and sb3
+    assert lilgym_mp.envs is envs and {used}
     return w.tokenized_statement_v0(gym.make("lilgym_mp/TowerFlipIt-v0"))
 
 if __name__ == "__main__":
@@ -150,15 +150,19 @@ USES = {
     print(ray.get(play.remote()))
     ray.shutdown()""",
 }
+QUICK = "Gymnasium's AsyncVectorEnv"  # the others are long
+MODULES = (  # and the use of one that is imported on first use
+    ("learning, programs, sb3", "learning.common and programs and sb3"),
+    ("evaluation, programs", "evaluation.datasets and programs"),
+)
 NEEDED = {"SB3's SubprocVecEnv": "stable_baselines3", "Ray": "ray"}
 
 
-@pytest.mark.parametrize(
-    "use", ["Gymnasium's AsyncVectorEnv", *(pytest.param(use, marks=pytest.mark.long) for use in NEEDED)]
-)
+@pytest.mark.parametrize("use", [QUICK, *(pytest.param(use, marks=pytest.mark.long) for use in NEEDED)])
 def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use, tmp_path):
     pytest.importorskip(NEEDED.get(use, "gymnasium"), reason=f"needs the package {NEEDED.get(use)}")
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(use=USES[use].strip()))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    modules, used = MODULES[use == QUICK]
+    script.write_text(SCRIPT.format(use=USES[use].strip(), modules=modules, used=used))
+    done = python(script, cwd=tmp_path)
     assert done.stdout.splitlines()[-1:] == ["[True]"], done.stderr

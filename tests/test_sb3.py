@@ -1,7 +1,5 @@
 import multiprocessing
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from multiprocessing import forkserver
 from unittest import mock
@@ -44,6 +42,7 @@ from lilgym_mp.wrappers import (
     tokenized_statement_v0,
 )
 from lilgym_mp.wrappers.transformation import WrongEnvironment
+from tests.command_line import python
 from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -348,7 +347,7 @@ if __name__ == "__main__":
 @pytest.mark.long
 def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path):
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
-    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = python("script.py", cwd=tmp_path)
     assert "'image'" in done.stdout, done.stderr
 
 

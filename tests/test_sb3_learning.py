@@ -59,7 +59,9 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained):
         (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
         (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
         (PPO, "ScatterFlipIt", {"recolour": False}),
-        pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc"}, marks=pytest.mark.long),
+        pytest.param(
+            MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc", "n_envs": 4}, marks=pytest.mark.long
+        ),
     ],
 )
 def test_training__works_with_every_backend_from_images_and_items(algorithm, configuration, changes):

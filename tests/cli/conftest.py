@@ -1,13 +1,11 @@
 """A small corpus."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.corpora import write_own_corpus
 
 
 @pytest.fixture(scope="session")
-def own(tmp_path_factory) -> str:
+def own(tmp_path_factory):
     """The path of a small corpus."""
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))

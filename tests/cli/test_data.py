@@ -1,10 +1,7 @@
 """`lilgym-mp data ...`: its output, files and errors."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -17,7 +14,7 @@ Run = Callable[..., str]
 
 
 @pytest.fixture
-def cache(tmp_path, monkeypatch) -> Path:
+def cache(tmp_path, monkeypatch):
     """The installation directory of the official corpus, in a temporary user cache."""
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setattr("sys.platform", "linux")
@@ -26,7 +23,7 @@ def cache(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def released(tmp_path, monkeypatch) -> Path:
+def released(tmp_path, monkeypatch):
     """A directory with two files registered as the release."""
     directory = write_released(tmp_path / "released")
     register_as_official(directory, monkeypatch)
@@ -34,14 +31,14 @@ def released(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def own(tmp_path) -> Path:
+def own(tmp_path):
     """A small corpus file."""
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
     return tmp_path / "own.jsonl"
 
 
 @pytest.fixture
-def data(capsys) -> Run:
+def data(capsys):
     """Runs `lilgym-mp data ...` and returns its output."""
 
     def run(*words, exit_code=0):
@@ -52,7 +49,7 @@ def data(capsys) -> Run:
 
 
 @pytest.fixture
-def error_of(capsys) -> Run:
+def error_of(capsys):
     """Runs `lilgym-mp data ...`, which must fail with one line, and returns that line."""
 
     def run(*words):

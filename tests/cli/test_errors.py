@@ -1,14 +1,11 @@
 """Usage errors print one line and exit with code 2, without traceback; and the help of every command."""
 
-from __future__ import annotations
-
-import subprocess
 import sys
 
 import pytest
 
 from lilgym_mp.cli import COMMANDS, USAGE_ERROR, parse_args
-from tests.command_line import error_of, lilgym, output_of
+from tests.command_line import error_of, lilgym, output_of, python
 
 ERRORS = {
     "evaluate --seed 1 --seed 2": "argument --seed: given more than once",
@@ -74,8 +71,7 @@ def test_help__imports_no_heavy_package():
         "except SystemExit: pass\n"
         "print('loaded', *sys.modules.keys() & {'torch', 'stable_baselines3', 'tqdm', 'shapely', 'tensorboard'})"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "loaded"
+    assert python("-c", program).stdout.splitlines()[-1] == "loaded"
 
 
 def test_missing_package__error_names_what_to_install(tmp_path, monkeypatch, capsys):

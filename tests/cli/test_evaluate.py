@@ -1,9 +1,5 @@
 """`lilgym-mp evaluate`: items beside totals, why the expert fails, and which statements count as seen."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.policies import NamedPolicy
@@ -16,7 +12,7 @@ BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 NEVER = f"{BLUE} and not {BLUE}"
 
 
-def write_entries(path: Path, *entries: tuple[str, str, str]) -> str:
+def write_entries(path, *entries):
     write_corpus(path, "own", "CC0-1.0", [entry(f"t{index}", "tower", *told) for index, told in enumerate(entries)])
     return str(path)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,13 +23,13 @@ class Trained(Agent):
 
     game: Any = None
 
-    def __init__(self, corpus: str, protocol: str = "audit") -> None:
+    def __init__(self, corpus, protocol="audit"):
         self.game = GameSettings(corpus=corpus, protocol=protocol)
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Any:
+    def policy(self, settings, *, sampled=False):
         raise NotImplementedError
 
-    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Any:
+    def partner(self, role, game, *, sampled=False):
         return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]
 
 
@@ -39,11 +38,11 @@ class Single(Agent):
 
     settings = Settings("TowerScratch")
 
-    def policy(self, settings: Settings, *, sampled: bool = False) -> Any:
+    def policy(self, settings, *, sampled=False):
         return random_legal
 
 
-def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, Any]]:
+def results(directory, arguments):
     """What `lilgym-mp evaluate ARGUMENTS` writes in the directory, by proposer and verifier."""
     succeeds(f"evaluate {arguments} --force --out", directory / "results.json")
     found = read_json(directory / "results.json")["results"]
@@ -51,7 +50,7 @@ def results(directory: Path, arguments: str) -> dict[tuple[str, str], dict[str, 
 
 
 @pytest.fixture
-def runs(monkeypatch) -> dict[str, Trained]:
+def runs(monkeypatch):
     """Runs by path, to be filled in by the test."""
     trained = {}
     monkeypatch.setattr("lilgym_mp.learning.common.agents.open_agent", lambda path, device: trained[str(path)])
@@ -95,8 +94,8 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path,
     assert results(tmp_path, f"a {game}").keys() == pairs
 
 
-def test_run__plays_the_requested_configurations(tmp_path, runs):
-    runs["a"] = Trained("builtin")  # on TowerScratch
+def test_run__plays_the_requested_configurations(tmp_path, own, runs):
+    runs["a"] = Trained(own)  # on TowerScratch
     succeeds("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json")
     entries = read_json(tmp_path / "results.json")["results"]
     assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == ["TowerFlipIt", "TowerScratch"]

@@ -1,7 +1,5 @@
 """`lilgym-mp experiment`: valid and invalid files; runs are executed once, resumed and reported on."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -10,7 +8,6 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -22,11 +19,12 @@ from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_atte
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
 from tests.command_line import error_of, lilgym, output_of, succeeds
-from tests.corpora import small_entries, write_own_corpus
+from tests.corpora import small_entries
 from tests.json_files import read_json
 
 FILES = Path(__file__).parents[2] / "experiments"
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
+BUILTIN = 'corpus = "builtin"'
 SMALL = """
 configurations = ["TowerScratch"]
 [[learners]]
@@ -34,7 +32,7 @@ learner = "ppo"
 """
 
 
-def write_file(path: Path, text: str) -> Path:
+def write_file(path, text):
     path.write_text(text)
     return path
 
@@ -115,8 +113,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, caps
     assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
-def test_plan__learner_trained_on_another_corpus(tmp_path):
-    own = str(write_own_corpus(tmp_path / "own.jsonl"))
+def test_plan__learner_trained_on_another_corpus(tmp_path, own):
     text = f'corpus = "{own}"\n[[learners]]\nlearner = "parse-and-plan"\ncorpus = "builtin"\n'
     (planned,) = read_plan(write_file(tmp_path / "a.toml", text))
     assert planned.train[-2:] == ("--corpus", "builtin")
@@ -189,8 +186,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(tmp_path
 
 
 @pytest.mark.long
-def test_experiment__trains_the_game_and_measures_it(tmp_path):
-    own = write_own_corpus(tmp_path / "own.jsonl")
+def test_experiment__trains_the_game_and_measures_it(tmp_path, own):
     head = f'corpus = "{own}"\nconfigurations = ["TowerScratch"]\n[[learners]]\nlearner = "game"\nsteps = 64\n'
     game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\n'
     file = write_file(tmp_path / "game.toml", head + game + FEW)
@@ -203,7 +199,7 @@ def test_experiment__trains_the_game_and_measures_it(tmp_path):
 class Script(Attempt):
     """Replaces the commands by a fast success or a failure."""
 
-    def _call(self, words: Sequence[str]) -> None:
+    def _call(self, words):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
@@ -237,8 +233,8 @@ def test_execute__killed_process_does_not_stop_other_runs(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="PR_SET_PDEATHSIG exists only on Linux")
-def test_experiment__training_ends_when_the_command_is_killed(tmp_path):
-    process = start_experiment(tmp_path, "10_000_000")
+def test_experiment__training_ends_when_the_command_is_killed(tmp_path, own):
+    process = start_experiment(tmp_path, own, "10_000_000")
     run = child_of(process.pid)
     process.kill()
     process.wait()
@@ -249,9 +245,9 @@ def test_experiment__training_ends_when_the_command_is_killed(tmp_path):
     assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
 
 
-def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
+def start_experiment(directory, corpus, steps):
     """Starts an experiment in a subprocess and waits until its run has some progress."""
-    file = write_file(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
+    file = write_file(directory / "one.toml", f'corpus = "{corpus}"\n{SMALL}steps = {steps}\n{FEW}')
     command = f"{sys.executable} -m lilgym_mp experiment {file} --jobs 2 --out {directory / 'out'}".split()
     with (directory / "output").open("w") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
@@ -262,14 +258,14 @@ def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     return process
 
 
-def child_of(pid: int) -> int:
+def child_of(pid):
     """The only child of a process."""
     tasks = Path(f"/proc/{pid}/task").glob("*/children")  # see proc(5)
     (child,) = [int(found) for children in tasks for found in children.read_text().split()]
     return child
 
 
-def is_alive(pid: int) -> bool:
+def is_alive(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -277,8 +273,8 @@ def is_alive(pid: int) -> bool:
 
 
 @pytest.mark.long
-def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path):
-    process = start_experiment(tmp_path, "640")
+def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path, own):
+    process = start_experiment(tmp_path, own, "640")
     process.send_signal(signal.SIGINT)
     code, output = process.wait(timeout=120), (tmp_path / "output").read_text()
     assert code == 130, output
@@ -312,7 +308,7 @@ def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, cap
 class Terminal(io.StringIO):
     """A stream that claims to be a terminal."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
@@ -353,9 +349,11 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path):
 
 
 @pytest.mark.long
-def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, capsys, monkeypatch):
-    place = tmp_path / "results"
-    command = f"experiment {FILES / 'smoke.toml'} --out {place} --jobs 2"
+def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, capsys, monkeypatch):
+    place, text = tmp_path / "results", (FILES / "smoke.toml").read_text()
+    assert BUILTIN in text
+    file = write_file(tmp_path / "smoke.toml", text.replace(BUILTIN, f'corpus = "{own}"'))
+    command = f"experiment {file} --out {place} --jobs 2"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     assert lilgym(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
     assert "3 of 3 runs finished" in capsys.readouterr().out

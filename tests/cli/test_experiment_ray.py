@@ -1,15 +1,11 @@
 """`lilgym-mp experiment --ray`: runs are tasks of a cluster, and what is lost is done by the next command."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -24,23 +20,23 @@ TEXT = 'configurations = ["TowerScratch"]\nseeds = [0, 1]\n[[learners]]\nlearner
 class OneProcess:
     """What the command uses of Ray, in this process: a task runs when its result is fetched."""
 
-    def __init__(self) -> None:
-        self.calls: list[tuple[str, dict[str, Any]]] = []
+    def __init__(self):
+        self.calls = []
 
-    def init(self, **given: Any) -> None:
+    def init(self, **given):
         self.calls.append(("init", given))
 
-    def shutdown(self) -> None:
+    def shutdown(self):
         self.calls.append(("shutdown", {}))
 
-    def remote(self, **given: Any) -> Callable[[Any], Any]:
+    def remote(self, **given):
         self.calls.append(("remote", given))
         return lambda function: SimpleNamespace(remote=lambda *arguments: (function, repr(arguments), arguments[0][-1]))
 
-    def wait(self, pending: list[Any]) -> Any:
+    def wait(self, pending):
         return pending[-1:], pending[:-1]
 
-    def get(self, task: Any) -> Any:
+    def get(self, task):
         function, _, name = task
         return function(name)
 
@@ -84,13 +80,13 @@ def test_ray__missing_is_one_line_that_names_the_extra(tmp_path, monkeypatch, ca
 
 @pytest.mark.parametrize(("address", "shown"), [([], "on this machine"), (["10.0.0.1:6379"], "10.0.0.1:6379")])
 def test_ray__that_cannot_start_is_one_line(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    address: list[str],
-    shown: str,
-) -> None:
-    def init(**_: object) -> None:
+    tmp_path,
+    monkeypatch,
+    capsys,
+    address,
+    shown,
+):
+    def init(**_):
         raise Exception("The current node timed out during startup.")
 
     (tmp_path / "own.toml").write_text(TEXT)

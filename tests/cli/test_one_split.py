@@ -1,7 +1,5 @@
 """A corpus with a single split, dev or test, can be played, evaluated and observed as arrays."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 
@@ -14,12 +12,12 @@ STATEMENT = "A blue block crowns some box."
 
 
 @pytest.fixture(params=["dev", "test"])
-def split(request) -> str:
+def split(request):
     return request.param
 
 
 @pytest.fixture
-def corpus(tmp_path, split) -> str:
+def corpus(tmp_path, split):
     path, program = tmp_path / "one_split.jsonl", "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
     write_corpus(path, "one split", "CC0-1.0", [entry("crown", "tower", split, STATEMENT, program)])
     return str(path)

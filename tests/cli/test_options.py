@@ -1,9 +1,6 @@
 """The options of all commands: each has one name, and is on a page of the documentation."""
 
-from __future__ import annotations
-
 import argparse
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +13,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 FORMER = ("warmup", "unknown", "sampled", "no-sampled", "limit", "count", "splits", "output")
 
 
-def options(parser: argparse.ArgumentParser) -> Iterator[str]:
+def options(parser):
     """The long options of a parser and of its subcommands."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):

@@ -1,7 +1,5 @@
 """`lilgym-mp play` in the terminal, with scripted commands."""
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess
@@ -25,7 +23,7 @@ BLUE_GAME = f"{BLUE_TASK} --protocol veto"
 
 
 @pytest.fixture
-def play(monkeypatch, capsys) -> Play:
+def play(monkeypatch, capsys):
     """Plays with lines of input and returns the output."""
 
     def run(command, *lines):

@@ -1,7 +1,5 @@
 """`lilgym-mp train LEARNER --resume --out DIR`: a run goes on as it was begun, without repeating its options."""
 
-from __future__ import annotations
-
 import os
 import signal
 
@@ -18,7 +16,7 @@ from tests.json_files import read_json
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 
 
-def interrupt(progress: object) -> None:
+def interrupt(progress):
     """Ctrl-C."""
     os.kill(os.getpid(), signal.SIGINT)
 

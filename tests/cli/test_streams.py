@@ -1,7 +1,5 @@
 """Closed or full standard streams, Ctrl-C and disk errors cause no traceback."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
@@ -25,7 +23,7 @@ MESSAGES = {
 RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exit(main())'"
 
 
-def shell(line: str) -> subprocess.CompletedProcess[str]:
+def shell(line):
     return subprocess.run(line, shell=True, capture_output=True, text=True, timeout=120, check=False)
 
 
@@ -77,7 +75,7 @@ def test_interrupt__soon_after_the_start_prints_one_word(stop, seconds):
     assert "interrupted" in output
 
 
-def _interrupted(process: subprocess.Popen[str], stop: signal.Signals) -> str:
+def _interrupted(process, stop):
     """What it prints on stderr when interrupted, a few times if need be: llvmlite's callbacks lose an interrupt."""
     for _ in range(5):
         process.send_signal(stop)

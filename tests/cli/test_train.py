@@ -1,7 +1,5 @@
 """`lilgym-mp train`, `evaluate` and `explain`, with a few dozen training steps each."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -9,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -27,7 +24,7 @@ SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
 
 
 @pytest.fixture(autouse=True)
-def _one_thread(monkeypatch) -> None:
+def _one_thread(monkeypatch):
     """More threads would slow down parallel tests."""
     import torch
 
@@ -36,7 +33,7 @@ def _one_thread(monkeypatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def trained_run(own, tmp_path_factory) -> Path:
+def trained_run(own, tmp_path_factory):
     """A PPO run on the small corpus; read-only."""
     directory = tmp_path_factory.mktemp("trained") / "run"
     command = f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --mask --recolour --out"
@@ -45,7 +42,7 @@ def trained_run(own, tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def run(trained_run, tmp_path) -> Path:
+def run(trained_run, tmp_path):
     """A copy of the PPO run."""
     return shutil.copytree(trained_run, tmp_path / "run")
 
@@ -118,7 +115,7 @@ def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     assert ends(process.pid)
 
 
-def ends(group: int, seconds: float = 30.0) -> bool:
+def ends(group, seconds=30.0):
     """Whether all processes of the group end in time."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
@@ -130,7 +127,7 @@ def ends(group: int, seconds: float = 30.0) -> bool:
     return False
 
 
-def names(output: str) -> list[str]:
+def names(output):
     """The policies of the tables of results."""
     blocks = [block.splitlines() for block in output.split("\n\n") if block.startswith("policy ")]
     return [line.split("  ")[0] for block in blocks for line in block[2:]]

@@ -1,11 +1,5 @@
 """A small test corpus in both file formats."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from lilgym_mp.corpus import write_corpus
@@ -13,12 +7,12 @@ from tests.corpora import register_as_official, small_entries, write_released
 
 
 @pytest.fixture
-def entries() -> list[dict[str, Any]]:
+def entries():
     return small_entries()
 
 
 @pytest.fixture
-def written(tmp_path) -> Callable[..., Path]:
+def written(tmp_path):
     """A function that writes entries to a corpus file and returns its path."""
 
     def write(entries, name="own.jsonl"):
@@ -29,13 +23,13 @@ def written(tmp_path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def released(tmp_path) -> Path:
+def released(tmp_path):
     """A directory of files in the released format, with a test split, of our own statements."""
     return write_released(tmp_path / "released")
 
 
 @pytest.fixture
-def small_release(released, monkeypatch) -> Path:
+def small_release(released, monkeypatch):
     """A directory of two files registered as released: one verified by content, one by numbers."""
     register_as_official(released, monkeypatch)
     return released

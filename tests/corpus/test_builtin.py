@@ -1,17 +1,14 @@
 """The builtin corpus matches its source and has the properties documented in docs/corpus.md."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import tomllib
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import TaskSet, check_corpus, load_tasks
+from lilgym_mp.corpus import check_corpus, load_tasks
 from lilgym_mp.corpus.splits import program_form
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -25,13 +22,13 @@ ALL_SPLITS = [(appearance, split) for appearance in APPEARANCES for split in SIZ
 MOST_BYTES = 3_000_000
 
 
-def scratch(appearance: str) -> list[TaskSet]:
+def scratch(appearance):
     return [load_tasks("builtin", appearance, "scratch", split) for split in SIZES]
 
 
-def starts(appearance: str, split: str) -> dict[str, list[Any]]:
+def starts(appearance, split):
     """FlipIt tasks by statement."""
-    by_statement: dict[str, list[Any]] = {}
+    by_statement = {}
     for task in load_tasks("builtin", appearance, "flipit", split):
         by_statement.setdefault(task.statement, []).append(task)
     return by_statement

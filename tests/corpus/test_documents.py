@@ -1,7 +1,5 @@
 """Counts of corpora in the documentation match the output of commands and scripts; data/croissant.json."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re
@@ -113,7 +111,7 @@ def test_charts_of_results__are_drawn_from_the_csv_files():
     assert curves[1].lines[0].get_ydata()[-1] > 50
 
 
-def flat(name: str) -> str:
+def flat(name):
     """A document's text without line breaks."""
     return " ".join((DOCS / name).read_text(encoding="utf-8").split())
 

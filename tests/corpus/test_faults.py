@@ -1,7 +1,5 @@
 """Faulty corpora: errors name the file, the place and the fault, and `check_corpus` finds all faults."""
 
-from __future__ import annotations
-
 import gzip
 import json
 

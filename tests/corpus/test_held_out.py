@@ -1,7 +1,5 @@
 """Training excludes the same held-out statements whichever files are installed."""
 
-from __future__ import annotations
-
 from lilgym_mp.corpus import load_all_tasks, write_corpus
 from lilgym_mp.corpus.held_out import corpus_digests, digests_sha256, held_out_digests, statement_digest
 from tests.solver.conftest import STATEMENTS, corpus_entries

@@ -1,7 +1,5 @@
 """Loading tasks: contents, order, locations and caching."""
 
-from __future__ import annotations
-
 import copy
 import os
 import pickle
@@ -9,14 +7,14 @@ import time
 
 import pytest
 
-from lilgym_mp.corpus import CorpusError, NoTasksError, TaskSet, check_corpus, contexts, load_tasks, official_directory
+from lilgym_mp.corpus import CorpusError, NoTasksError, check_corpus, contexts, load_tasks, official_directory
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.corpus.writing import task_rows
 from lilgym_mp.scene import Colour, Scene
 
 
 @pytest.fixture
-def tower_starts(entries, written) -> TaskSet:
+def tower_starts(entries, written):
     return load_tasks(written(entries), "tower", "flipit", "train")
 
 

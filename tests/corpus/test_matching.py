@@ -1,7 +1,5 @@
 """Tasks solved only by scenes of the corpus."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

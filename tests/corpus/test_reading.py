@@ -1,7 +1,5 @@
 """Reading files: one clear error each."""
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.corpus import CorpusError

@@ -1,7 +1,5 @@
 """Normalisation and spelling correction of statements."""
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 

@@ -1,17 +1,14 @@
 """Corpus statistics."""
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.cli.data_report import programs_of, statement_row, statistics_text, task_row
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks
 
 
 @pytest.fixture
-def sets(entries, written) -> list[TaskSet]:
+def sets(entries, written):
     """Two Tower train statements, and three dev statements that share one statement and one form."""
     program = "count(filter_color(all_items, Color.BLACK)) == 3"
     dev = [("again", "blue is HERE"), ("form", "Black is here."), ("new", "Nothing alike at all.")]

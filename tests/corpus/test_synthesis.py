@@ -1,7 +1,5 @@
 """Synthesized start scenes, and the random scenes they are based on."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

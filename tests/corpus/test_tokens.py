@@ -1,7 +1,5 @@
 """Tokenisation of statements and vocabularies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

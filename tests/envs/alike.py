@@ -1,10 +1,7 @@
 """Random actions, compiled cores, and forks."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -12,20 +9,17 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs.buffers import Buffers, buffer_specs
-from lilgym_mp.envs.cores import Core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.observation import item_capacity
-from lilgym_mp.envs.rules import Dynamics, make_dynamics
-from lilgym_mp.programs.task import Task
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 STOP_SHARE, ANY_SHARE = 0.1, 0.05  # of random actions: STOP, and any at all; the others are legal
 CORES = {"tower": TowerCore, "scatter": ScatterCore}
 
 
-def random_actions(masks: BoolArray, generator: np.random.Generator) -> Int64Array:
+def random_actions(masks, generator):
     """(N,) mostly legal actions for masks (N, actions)."""
     legal = [generator.choice(np.flatnonzero(mask)) for mask in masks]
     count, actions = masks.shape
@@ -34,14 +28,14 @@ def random_actions(masks: BoolArray, generator: np.random.Generator) -> Int64Arr
     return np.where(kinds < STOP_SHARE, 0, edits)
 
 
-def started_core(appearance: str, tasks: Sequence[Task], horizon: int = 100) -> tuple[Core, Buffers]:
+def started_core(appearance, tasks, horizon=100):
     """A compiled core in which each environment has begun one of the tasks, and its buffers."""
     core, buffers = compiled_core(make_dynamics(make_appearance(appearance), "paper", horizon), tasks)
     core.start(np.arange(len(tasks)), np.arange(len(tasks)))
     return core, buffers
 
 
-def compiled_core(dynamics: Dynamics, tasks: Sequence[Task]) -> tuple[Core, Buffers]:
+def compiled_core(dynamics, tasks):
     """A compiled core with an environment for each task, and its buffers."""
     actions, capacity = dynamics.appearance.action_count, item_capacity(tasks, dynamics)
     buffers = Buffers.new(buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP))
@@ -49,11 +43,11 @@ def compiled_core(dynamics: Dynamics, tasks: Sequence[Task]) -> tuple[Core, Buff
     return CORES[dynamics.appearance.name](dynamics, own, buffers, "half"), buffers
 
 
-def in_fork(use: Callable[[], object]) -> str:
+def in_fork(use):
     """What a function gives, or raises, in a forked child, as `repr` shows it."""
     hear, tell = multiprocessing.Pipe(duplex=False)
 
-    def tried() -> None:
+    def tried():
         try:
             tell.send(repr(use()))
         except BaseException as fault:

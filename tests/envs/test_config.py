@@ -1,8 +1,6 @@
 """`EnvConfig`: what derives from the fields of an environment."""
 
 import json
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.wrappers import TokenizedStatement, action_mask_v0, tokenized_statement_v0
+from tests.command_line import python
 from tests.corpora import write_own_corpus
 
 # Run with a further field in the source of `EnvConfig`, which is the only edit.
@@ -86,8 +85,7 @@ print("found everywhere")
 
 
 def test_new_field__is_one_edit(tmp_path):
-    command = [sys.executable, "-c", ONE_EDIT, str(tmp_path / "experiment.toml")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = python("-c", ONE_EDIT, tmp_path / "experiment.toml")
     assert (done.returncode, done.stdout) == (0, "found everywhere\n"), done.stderr
 
 

@@ -2,7 +2,7 @@
 
 import random
 import sys
-from functools import partial
+from functools import cache, partial
 
 import gymnasium as gym
 import numpy as np
@@ -31,6 +31,7 @@ def sampler_of(starts):
     return lambda generator, env_id: tasks[generator.integers(len(tasks))]
 
 
+@cache
 def crowded_starts(appearance):
     """Some scenes of random play, and those with most items among those that batches have room for."""
     scenes = ScenePool.sample(appearance, random.Random(3), 24).scenes
@@ -43,8 +44,8 @@ def crowded_starts(appearance):
     [
         (TOWER, {}, 15),
         (TOWER, {"rules": "release"}, 15),
-        (SCATTER, {}, 20),
-        (SCATTER, {"rules": "release"}, 20),
+        (SCATTER, {}, 12),
+        (SCATTER, {"rules": "release"}, 12),
         (SCATTER, {"rules": "release", "image_size": "native", "horizon": 1}, 5),
         (SCATTER, {"rules": "release", "grid": (38, 10)}, 8),
         (SCATTER, {"grid": (19, 1)}, 8),

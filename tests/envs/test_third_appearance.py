@@ -50,8 +50,8 @@ def corpus(tmp_path):
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
 def test_third_appearance__keeps_the_contracts_single_and_batched(corpus, start):
     settings = {"appearance": NAME, "start": start, "corpus": corpus}
-    testing.check_env(lambda: LilGymEnv(**settings))
-    testing.check_vector_env(partial(BatchedEnv, **settings), lambda: LilGymEnv(**settings), num_envs=16, steps=20)
+    testing.check_env(lambda: LilGymEnv(**settings), steps=60)
+    testing.check_vector_env(partial(BatchedEnv, **settings), lambda: LilGymEnv(**settings), num_envs=9, steps=10)
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
@@ -60,7 +60,7 @@ def test_third_appearance__works_in_the_two_agent_game(corpus, protocol):
     from lilgym_mp.envs.proposer_verifier import BatchedGames, parallel_env
 
     settings = {"appearance": NAME, "start": "scratch", "corpus": corpus, "protocol": protocol}
-    testing.check_batched_games(partial(BatchedGames, **settings), partial(parallel_env, **settings), steps=20)
+    testing.check_batched_games(partial(BatchedGames, **settings), partial(parallel_env, **settings), steps=12)
 
 
 def test_third_appearance__is_refused_by_expert_and_generator():

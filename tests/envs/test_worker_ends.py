@@ -15,6 +15,7 @@ import pytest
 
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
+from tests.command_line import python
 from tests.envs.alike import in_fork
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
@@ -99,8 +100,7 @@ def test_workers__exit_if_their_pipe_is_closed(start_method):
 
 @pytest.mark.long
 def test_threads__may_each_start_workers_at_the_same_time():
-    command = [sys.executable, "-W", "ignore", "-c", THREADS]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    done = python("-W", "ignore", "-c", THREADS, timeout=600)
     assert (done.stdout.strip(), done.returncode) == ("2", 0), done.stderr
 
 
@@ -163,8 +163,7 @@ def test_an_interrupt_while_workers_are_started__leaves_none(monkeypatch, moment
     [("fork", 0.4), *(pytest.param(*each, marks=pytest.mark.long) for each in LONG_INTERRUPTS)],
 )
 def test_an_interrupt_while_workers_are_started__prints_no_traceback_of_theirs(start_method, seconds):
-    command = [sys.executable, "-c", INTERRUPTED_START, start_method, str(seconds)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, start_new_session=True)
+    done = python("-c", INTERRUPTED_START, start_method, str(seconds), timeout=60, start_new_session=True)
     assert "KeyboardInterrupt" in done.stderr
     # What shows that a line is a worker's; this process's own traceback may quote a line that names spawn_main, or
     # end in a named tuple's lambda, of line 1 of a text too.

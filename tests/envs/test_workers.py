@@ -18,6 +18,7 @@ from lilgym_mp.envs.processes import checked_worker_count
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
+from tests.command_line import python
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 STARTED = ("forkserver", "spawn")  # start methods of new interpreters
@@ -40,7 +41,7 @@ if __name__ == "__main__":
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
 
-def shared_files() -> set[str]:
+def shared_files():
     """Files of shared memory, without semaphores, of which workers have none."""
     return {name for name in os.listdir("/dev/shm") if not name.startswith("sem.")}
 
@@ -206,7 +207,7 @@ env = WorkerVectorEnv({TOWER!r}, 4, 2, start_method="spawn")
 env.reset(seed=0)[0]["image"].shape
 env.close()
 """
-    done = subprocess.run([sys.executable, "-i"], input=session, capture_output=True, text=True, timeout=60)
+    done = python("-i", input=session, timeout=60)
     assert "(4, 50, 190, 3)" in done.stdout, done.stderr
 
 

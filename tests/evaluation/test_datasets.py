@@ -1,7 +1,5 @@
 """Data sets of episodes: what they hold, in each format, from agents, recordings and the browser's episodes."""
 
-from __future__ import annotations
-
 import errno
 import gzip
 import json
@@ -17,7 +15,7 @@ from lilgym_mp import action_masks
 from lilgym_mp.corpus import Vocabulary, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import Episode, datasets
-from lilgym_mp.scene.actions import STOP, Action
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import error_of, lilgym, succeeds
 from tests.json_files import read_json_lines
@@ -32,7 +30,7 @@ PARTS = {
 
 
 @pytest.fixture
-def collect(tmp_path) -> Collect:
+def collect(tmp_path):
     """Writes an npz file with `lilgym-mp data collect` and reads it."""
 
     def collected(arguments):
@@ -43,7 +41,7 @@ def collect(tmp_path) -> Collect:
     return collected
 
 
-def environment(configuration: str, form: str) -> gym.Env[Any, Any]:
+def environment(configuration, form):
     observation = "text" if form in ("image", "text") else "arrays"
     env = gym.make(f"lilgym_mp/{configuration}-v0", split="dev", observation=observation)
     return {"text": TextObservation, "structured": StructuredObservation}.get(form, lambda env: env)(env)
@@ -192,7 +190,7 @@ def test_sources__that_cannot_be_read_are_named(content, message, tmp_path, caps
 
 
 @pytest.mark.parametrize(("actions", "outcome"), [([STOP], "horizon"), ([STOP, STOP], "wrong_stop")])
-def test_rollouts__that_end_differently_are_refused(actions: list[Action], outcome: str):
+def test_rollouts__that_end_differently_are_refused(actions, outcome):
     settings = datasets.EnvConfig("TowerScratch")
     task = load_tasks("builtin", "tower", "scratch", "dev")[0]
     episode = datasets.Episode.of(task, actions, outcome, settings.dynamics())
@@ -244,7 +242,7 @@ def test_minari__missing_is_an_error_before_any_work(monkeypatch, capsys):
 
 
 @pytest.fixture
-def minari(tmp_path, monkeypatch) -> Any:
+def minari(tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     return pytest.importorskip("minari")
 

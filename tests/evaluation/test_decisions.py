@@ -1,16 +1,13 @@
 """Recorded decisions: their contents, and their judgement by the expert."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
-from lilgym_mp.evaluation.episode_files import Recording, read_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.policies import built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
@@ -24,7 +21,7 @@ SCATTER = make_appearance("scatter", (19, 5))
 ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
 
 
-def record(directory: Path, name: str, configuration: str = "TowerScratch", *, judges: bool = False) -> Recording:
+def record(directory, name, configuration="TowerScratch", *, judges=False):
     directory.mkdir(exist_ok=True)
     own = write_own_corpus(directory / "own.jsonl")
     plan = EvaluationPlan(Settings(configuration, corpus=str(own)), "dev", record_decisions=True)
@@ -33,7 +30,7 @@ def record(directory: Path, name: str, configuration: str = "TowerScratch", *, j
     return read_episodes(recorder.write(directory, play(built_in_policy(name), plan, seen)))
 
 
-def tower_output(**probabilities: float) -> PolicyOutput:
+def tower_output(**probabilities):
     row = np.zeros((1, TOWER.action_count))
     actions = {"stop": STOP, "add": AddBlock(1, Colour.BLUE), "add_too": AddBlock(1, Colour.BLACK)}
     actions |= {"remove": RemoveBlock(2)}

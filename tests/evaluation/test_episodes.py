@@ -1,14 +1,10 @@
 """Recorded episodes: their contents, round trips through files, and errors of damaged files."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +12,10 @@ import pytest
 from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings, recording_metadata
-from lilgym_mp.evaluation.episode_files import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episode_files import read_episodes, write_episodes
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
-from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, built_in_policy
+from lilgym_mp.evaluation.policies import NamedPolicy, Policy, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
@@ -33,7 +29,7 @@ TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
 
-def record(directory: Path, named: NamedPolicy, plan: EvaluationPlan = TOWER, **options: Any) -> Recording:
+def record(directory, named, plan=TOWER, **options):
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, **options)
     return read_episodes(recorder.write(directory, play(named, plan, seen)))
@@ -44,7 +40,7 @@ class AddsThenStops(Policy):
 
     needs_masks = False
 
-    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def __call__(self, observations, legal, rng):
         self.stop_probabilities = np.where(observations.steps == 0, 0.25, 1.0)
         return np.where(observations.steps == 0, ADD_BLUE_LEFT, STOP)
 
@@ -122,11 +118,11 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
 
 
 @pytest.fixture
-def recording(tmp_path) -> Recording:
+def recording(tmp_path):
     return record(tmp_path, SIMPLE)
 
 
-def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
+def rewrite(path, change):
     rows = [json.loads(line) for line in gzip.decompress(path.read_bytes()).decode().splitlines()]
     change(rows)
     path.write_bytes(gzip.compress("".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows).encode()))

@@ -1,7 +1,5 @@
 """Atomic writing of files, and checks of output paths."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Episodes as GIFs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -1,9 +1,5 @@
 """Expert proposers in the two-agent game."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import (
@@ -25,7 +21,7 @@ SETTINGS = [  # in joint the verifier alone may stop
 ]
 
 
-def some_tasks(game: Any) -> tuple[str, ...]:
+def some_tasks(game):
     return game.unwrapped.tasks.ids[::100]
 
 

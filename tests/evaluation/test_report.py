@@ -1,7 +1,5 @@
 """Summaries of episodes, tables and JSON."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -43,7 +41,7 @@ def test_summarise__counts_by_outcome_and_by_whether_the_statement_was_seen():
     assert summary.outcomes == {"success": 0.25, "wrong_stop": 0.25, "invalid_action": 0.25, "horizon": 0.25}
 
 
-def result() -> Result:
+def result():
     named = NamedPolicy("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
     plan, summary = EvaluationPlan(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
     return Result(named, plan, summary, EPISODES, 0.5)

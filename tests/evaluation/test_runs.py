@@ -1,7 +1,5 @@
 """Evaluation plays every task exactly once per pass, deterministically."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import (
-    Observations,
     Policy,
     Settings,
     evaluate,
@@ -21,16 +18,15 @@ from lilgym_mp.evaluation.runs import play_tasks
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import ActionError, AddBlock, Stop
 from lilgym_mp.scene.appearances import InvalidReason
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TOWER = Settings("TowerScratch")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
 
-def always(action: int) -> Policy:
+def always(action):
     """A policy that always takes the same action."""
 
-    def choose(observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def choose(observations, legal, rng):
         return np.full(len(legal), action)
 
     return choose

@@ -1,10 +1,5 @@
 """A policy of one's own behind wrappers is evaluated on every task once, and recorded."""
 
-from __future__ import annotations
-
-from typing import Any
-
-import numpy as np
 import pytest
 from gymnasium.wrappers.vector import DictInfoToList
 
@@ -16,7 +11,7 @@ from tests.command_line import error_of
 SETTINGS = Settings("TowerFlipIt")
 
 
-def last_legal(_: Any, legal: Any) -> np.ndarray:
+def last_legal(_, legal):
     return legal.shape[1] - 1 - legal[:, ::-1].argmax(1)
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import random
 import re
+from functools import cache
 from itertools import islice
 
 import pytest
@@ -26,6 +27,7 @@ def pairs(appearance, number, seed=3, *, noise=False):
     return list(islice(training_pairs(appearance, seed, noise=noise, bound_share=0), number))
 
 
+@cache
 def scenes(appearance, number):
     rng = random.Random(7)
     return rng.sample(ScenePool.sample(appearance, rng, 60).scenes, number)
@@ -38,7 +40,7 @@ def test_training_pairs__stay_the_same(appearance, digest):
 
 
 def test_training_pairs__about_towers_need_towers():
-    found = {pair.statement: pair.program for pair in pairs("tower", 6_000)}
+    found = {pair.statement: pair.program for pair in pairs("tower", 4_000)}
 
     def programs(wording):
         return [program for text, program in found.items() if re.match(wording, text)]
@@ -67,7 +69,7 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance):
-    pool = scenes(appearance, 80)
+    pool = scenes(appearance, 60)
     sample = pairs(appearance, 150)
     varied = sum(len({compile_program(pair.program)(scene) for scene in pool}) == 2 for pair in sample)
     assert varied > 0.55 * len(sample)
@@ -77,7 +79,7 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
     programs = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 5_000):
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 2_500):
         programs.setdefault(statement, set()).add(program)
     for statement, found in programs.items():
         if len(found) == 1:

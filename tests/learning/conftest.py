@@ -1,27 +1,20 @@
 """Shared fixtures: one thread for torch, and small corpora; and what tests ask of runs and agents."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 
-from lilgym_mp.envs.rules import Dynamics, State, Transition
-from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.learning.common.agents import Agent
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.evaluation import evaluate
 from lilgym_mp.learning.common.model_file import load_model
 from lilgym_mp.programs.compiler import Program
-from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, Stop
+from lilgym_mp.scene.actions import Stop
 from tests.corpora import write_own_corpus, write_three_statements
 
 
 @pytest.fixture(autouse=True)
-def _single_thread() -> Iterator[None]:
+def _single_thread():
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -29,25 +22,25 @@ def _single_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def own(tmp_path_factory) -> str:
+def own(tmp_path_factory):
     """The path of a small corpus."""
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
 @pytest.fixture(scope="session")
-def three(tmp_path_factory) -> str:
+def three(tmp_path_factory):
     """The path of a corpus of three statements."""
     return str(write_three_statements(tmp_path_factory.mktemp("three") / "three.jsonl"))
 
 
 @contextmanager
-def counted_stops() -> Iterator[list[int]]:
+def counted_stops():
     """The lengths of all episodes that end with a STOP; within the block no program may be evaluated but by them."""
-    lengths: list[int] = []
+    lengths = []
     playing = False
     step, truth = Dynamics.step, Program.__call__
 
-    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
+    def counted(dynamics, state, action):
         nonlocal playing
         playing = isinstance(action, Stop)
         lengths.extend([state.steps + 1] * playing)
@@ -55,7 +48,7 @@ def counted_stops() -> Iterator[list[int]]:
         playing = False
         return transition
 
-    def truth_in_play(program: Program, scene: Scene) -> bool:
+    def truth_in_play(program, scene):
         assert playing, "a truth was read outside of a STOP"
         return truth(program, scene)
 
@@ -65,17 +58,17 @@ def counted_stops() -> Iterator[list[int]]:
         yield lengths
 
 
-def accuracy(agent: Agent, settings: Settings, split: str = "dev", **options: Any) -> float:
+def accuracy(agent, settings, split="dev", **options):
     """The share of successes in one episode of each task of the split."""
     episodes = evaluate(agent.policy(settings, **options), settings, split)
     return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
-def weights(run: Path) -> dict[str, torch.Tensor]:
+def weights(run):
     return load_model(run / "agent.safetensors")[1]
 
 
-def equal(one: Path, other: Path) -> bool:
+def equal(one, other):
     """Whether the agents of two runs have the same weights."""
     first, second = weights(one), weights(other)
     return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)

@@ -1,13 +1,10 @@
 """Recorded decisions of all kinds of agents."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
 
-from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
-from lilgym_mp.evaluation.decisions import Decision
+from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.learner import PPORecipe
@@ -21,14 +18,14 @@ SMALL = PPORecipe(
 )
 
 
-def played(policy: Policy, settings: Settings = TOWER) -> list[Episode]:
+def played(policy, settings=TOWER):
     task_ids = settings.make("dev").evaluation_tasks()[:12]
     return evaluate(policy, settings, "dev", task_ids=task_ids, record_decisions=True)
 
 
-def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Decision, str, float | None]]:
+def steps(episodes, settings=TOWER):
     """Each decision, the type of the action taken, and the recorded probability of STOP."""
-    found: list[tuple[Decision, str, float | None]] = []
+    found = []
     for episode in episodes:
         stops = episode.stop_probabilities or (None,) * len(episode.actions)
         for decision, action, stop in zip(episode.decisions, episode.actions, stops, strict=True):

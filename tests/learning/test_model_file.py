@@ -1,7 +1,5 @@
 """Model files: round trips and invalid files."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import pickle
@@ -37,7 +35,7 @@ SHIPPED = ("imitation-tower", "parse-and-plan", "ppo-tower")
 
 
 @pytest.fixture
-def model(tmp_path) -> Path:
+def model(tmp_path):
     path = tmp_path / AGENT_FILE
     save_model(path, DESCRIPTION, TENSORS)
     return path

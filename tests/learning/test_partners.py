@@ -1,7 +1,5 @@
 """Agents as partners of the two-agent game: the roles they are asked for."""
 
-from __future__ import annotations
-
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role

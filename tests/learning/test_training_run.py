@@ -1,13 +1,10 @@
 """Training runs: stop signals, a full disk, and checkpoints that are not ours."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import random
 import resource
 import signal
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,7 +19,7 @@ from tests.command_line import lilgym
 
 
 @pytest.fixture
-def full_disk() -> Iterator[None]:
+def full_disk():
     """Files of more than 20 kB cannot be written."""
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -51,10 +48,10 @@ def test_training__on_a_full_disk_prints_one_line(tmp_path, full_disk, capsys):
 
 
 class _Trap:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         self.path = path
 
-    def __reduce__(self) -> tuple[object, ...]:
+    def __reduce__(self):
         return Path.touch, (self.path,)
 
 

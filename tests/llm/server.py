@@ -1,22 +1,18 @@
 """A server with OpenAI's chat API, on loopback."""
 
-from __future__ import annotations
-
 import json
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 
 
 @contextmanager
-def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+def served(reply):
     """An OpenAI-compatible server on loopback; `reply` is called with the request and its number."""
-    requests: list[dict[str, Any]] = []
+    requests = []
 
     class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
+        def do_POST(self):
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             requests.append({"path": self.path, "key": self.headers.get("Authorization"), **body})
             status, content = reply(body, len(requests))
@@ -27,7 +23,7 @@ def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[
             self.end_headers()
             self.wfile.write(data)
 
-        def log_message(self, format: str, *args: Any) -> None: ...
+        def log_message(self, format, *args): ...
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     thread = threading.Thread(target=server.serve_forever)
@@ -40,6 +36,6 @@ def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[
         thread.join()
 
 
-def chat(text: str) -> dict[str, Any]:
+def chat(text):
     usage = {"prompt_tokens": 7, "completion_tokens": 3}
     return {"choices": [{"message": {"role": "assistant", "content": text}}], "usage": usage}

@@ -1,18 +1,13 @@
 """A language model in the seats of the proposer-verifier game."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.contrib.llm.agents import Answer, Message
+from lilgym_mp.contrib.llm.agents import Answer
 from lilgym_mp.contrib.llm.asking import Asking
 from lilgym_mp.contrib.llm.game_player import LanguagePartner
 from lilgym_mp.contrib.llm.game_text import Said, read_reply
@@ -30,18 +25,18 @@ GUIDED = GameSettings("TowerScratch", protocol="critique", views="guide")
 class Replies:
     """Gives the answers of a function of the last message."""
 
-    def __init__(self, answer: Callable[[str], str | Answer]) -> None:
+    def __init__(self, answer):
         self._answer = answer
 
-    def answer(self, messages: Sequence[Message]) -> Answer | str:
+    def answer(self, messages):
         return self._answer(messages[-1]["content"])
 
 
-def last_message(text: str) -> str:
+def last_message(text):
     return re.findall(r"Message of the verifier: (.*)", text)[-1]
 
 
-def seat(role: Role, answer: Callable[[str], str | Answer], **options: Any) -> LanguagePartner:
+def seat(role, answer, **options):
     return LanguagePartner(Asking(Replies(answer)), role, **options)
 
 
@@ -132,13 +127,13 @@ def test_claims__are_judged_exactly(protocol, answer):
     assert not all(judged.holds for judged in finals)
 
 
-def command(out: Path, url: str, *more: str) -> list[str]:
+def command(out, url, *more):
     url = url.replace("//", "//user:SECRET@")
     words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --episodes 3 --out {out}"
     return [*words.split(), "--protocol", "veto", *more]
 
 
-def by_role(body: dict[str, Any], number: int) -> tuple[int, Any]:
+def by_role(body, number):
     return 200, chat("reject" if "You are the verifier" in body["messages"][0]["content"] else "STOP")
 
 

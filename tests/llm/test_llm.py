@@ -1,7 +1,5 @@
 """Text agents: built-in agents, episodes, transcripts and summaries."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -10,10 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +26,7 @@ from lilgym_mp.contrib.llm import (
     wilson_interval,
 )
 from lilgym_mp.contrib.llm import agents as agents_module
-from lilgym_mp.contrib.llm.agents import Answer, Message, ModelError
+from lilgym_mp.contrib.llm.agents import Answer, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent, ServerError, read_completion
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import Settings
@@ -44,7 +40,7 @@ TOWER = Settings("TowerFlipIt")
 
 
 @pytest.fixture(autouse=True)
-def in_a_directory_of_its_own(tmp_path, monkeypatch) -> None:
+def in_a_directory_of_its_own(tmp_path, monkeypatch):
     """Runs have a default directory below the current one."""
     monkeypatch.chdir(tmp_path)
 
@@ -52,32 +48,32 @@ def in_a_directory_of_its_own(tmp_path, monkeypatch) -> None:
 class Scripted:
     """Gives the scripted answers, then STOP."""
 
-    def __init__(self, *answers: str) -> None:
+    def __init__(self, *answers):
         self.answers = list(answers)
-        self.received: list[list[Message]] = []
+        self.received = []
 
-    def answer(self, messages: Sequence[Message]) -> Answer:
+    def answer(self, messages):
         self.received.append(list(messages))
         return Answer(self.answers.pop(0) if self.answers else "STOP", 10, 2)
 
 
-def play(arguments: str, *more: str) -> int:
+def play(arguments, *more):
     """The status of `lilgym-mp llm play TowerFlipIt` with these arguments, separated by blanks, and `more`."""
     return main(["llm", "play", "TowerFlipIt", *arguments.split(), *more])
 
 
-def stops(body: dict[str, Any], number: int) -> tuple[int, Any]:
+def stops(body, number):
     """A server's reply: STOP."""
     return 200, chat("STOP")
 
 
-def answer_of(reply: Callable[[dict[str, Any], int], tuple[int, Any]], **options: Any) -> Answer:
+def answer_of(reply, **options):
     """What an agent on a server that replies so answers to an empty conversation."""
     with served(reply) as (url, _):
         return OpenAIAgent("tiny", url=url, **options).answer([])
 
 
-def summary_in(directory: Path) -> Any:
+def summary_in(directory):
     return read_json(directory / "summary.json")
 
 
@@ -226,7 +222,7 @@ def test_pictures__arrive_at_the_server_in_native_size(scene, tmp_path):
 class Failing:
     """Plays one action, then raises; its module can be named on the command line."""
 
-    def answer(self, messages: Sequence[Message]) -> str:
+    def answer(self, messages):
         if len(messages) > 2:
             raise RuntimeError("out of\x1b[31m memory")
         return "ADD(LEFT, BLUE)\ud800"
@@ -336,7 +332,7 @@ def test_limited_episodes__are_drawn_over_statements():
     assert drawn(tasks, None, 0) == drawn(tasks, 10**6, 1) == list(tasks.ids)
 
 
-def ended(text: str | None, finish_reason: str | None, **message: Any) -> dict[str, Any]:
+def ended(text, finish_reason, **message):
     return {"choices": [{"message": {"content": text, **message}, "finish_reason": finish_reason}]}
 
 
@@ -401,7 +397,7 @@ def test_openai__asks_again_after_an_error_in_a_200_only_if_that_can_help(body, 
     assert caught.value.is_busy == is_busy
 
 
-ODD_BODIES: dict[str, tuple[int, Any, str]] = {
+ODD_BODIES = {
     "error in a 200": (200, {"error": {"message": "no such model SECRET"}}, "no such model"),
     "error as text": (200, {"error": "quota is used up"}, "quota is used up"),
     "key": (401, {"error": "no such key: SECRET"}, "AuthenticationError: Error code: 401"),
@@ -468,12 +464,12 @@ def test_openai__ends_a_request_of_one_byte_a_second_after_the_time_limit():
 class Rejecting:
     """Raises an error with its options, when constructed or when asked."""
 
-    def __init__(self, password: str, at_once: bool = False) -> None:
+    def __init__(self, password, at_once=False):
         self.password = password
         if at_once:
             raise ValueError(f"bad {password}")
 
-    def answer(self, messages: Sequence[Message]) -> str:
+    def answer(self, messages):
         raise ValueError(f"bad {self.password}")
 
 
@@ -547,7 +543,7 @@ def test_command__invalid_arguments_are_reported(arguments, message, capsys, mon
 TEMPLATE = "<bos> {% for message in messages %}{{ message.content }} {% endfor %}"
 
 
-def tiny_model(directory: Path, chat_template: str | None = TEMPLATE) -> None:
+def tiny_model(directory, chat_template=TEMPLATE):
     """Saves a random model whose tokenizer begins every text with <bos>."""
     transformers = pytest.importorskip("transformers", reason="needs the extra transformers")
     tokenizers = pytest.importorskip("tokenizers", reason="needs the extra transformers")
@@ -614,7 +610,7 @@ def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path
 class Model(Scripted):
     """Has the options of a model."""
 
-    def __init__(self, model: str, secret: str = "") -> None:
+    def __init__(self, model, secret=""):
         super().__init__()
 
 

@@ -1,7 +1,5 @@
 """The examples that serve a model and make its table."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

@@ -34,12 +34,12 @@ def value(source, scene):
         return None
 
 
-def check(corpus):
-    """Checks every sixth training program of the corpus; returns their number."""
+def check(corpus, step=6):
+    """Checks every `step`-th training program of the corpus; returns their number."""
     count = 0
     for appearance in ("tower", "scatter"):
         probes = scenes(appearance)
-        for source in sorted({task.program for task in load_tasks(corpus, appearance, "scratch", "train")})[::6]:
+        for source in sorted({task.program for task in load_tasks(corpus, appearance, "scratch", "train")})[::step]:
             tree = parse(source)
             assert parse(source_of(tree)) == tree, source
             form = canonical_form(tree)
@@ -62,7 +62,7 @@ def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
 
 @pytest.mark.usefixtures("official_data")
 def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens():
-    assert check("lilgym") > 300
+    assert check("lilgym", 12) > 150
 
 
 @pytest.mark.parametrize(

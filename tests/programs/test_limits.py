@@ -7,7 +7,6 @@ from time import process_time
 import pytest
 
 from lilgym_mp.envs.fast import code_generation, ir
-from lilgym_mp.envs.fast.box_functions import MAX_MEMO
 from lilgym_mp.programs import (
     Program,
     ProgramError,
@@ -65,13 +64,15 @@ def test_step_limit__ends_nested_filters_and_leaves_other_programs_alone():
     assert compile_program("exist(all_items)").evaluate(crowded_scene(12), step_limit=10_000)
 
 
-def test_memos__of_scenes_and_boxes_shared_by_many_programs_stay_small():
+def test_memos__of_scenes_and_boxes_shared_by_many_programs_stay_small(monkeypatch):
+    for module in ("programs.compiler", "envs.fast.box_functions"):
+        monkeypatch.setattr(f"lilgym_mp.{module}.MAX_MEMO", 50)
     scene = crowded_scene(6)
-    for number in range(MAX_MEMO + 10):
+    for number in range(60):
         program = Program(f"exist(filter_obj(all_boxes, lambda b: count(b) + {number} == 2))")
         assert program(scene) is (number == 0)
         assert program.has_generated_code
-    assert max(len(memo) for memo in (scene.memo, *(box.memo for box in scene.boxes))) <= MAX_MEMO
+    assert max(len(memo) for memo in (scene.memo, *(box.memo for box in scene.boxes))) <= 50
 
 
 def steps_allowed(source):

@@ -1,17 +1,13 @@
 """A few hand-counted episodes and training runs, and one report on them as text."""
 
-from __future__ import annotations
-
 import json
 import tempfile
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from matplotlib.colors import to_hex
 
-from lilgym_mp.contrib.report.items import Chart, Item, Table
+from lilgym_mp.contrib.report.items import Chart, Table
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
@@ -21,7 +17,7 @@ from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, named
+from lilgym_mp.scene.actions import named
 
 GOLDEN = Path(__file__).with_name("golden_report.md")
 SCATTER = Settings("ScatterFlipIt")
@@ -49,11 +45,11 @@ HEADER = Header(
 )
 
 
-def actions(*names: str) -> tuple[Action, ...]:
+def actions(*names):
     return tuple(map(named, names))
 
 
-def episode(outcome: str, *names: str, **changes: Any) -> Episode:
+def episode(outcome, *names, **changes):
     last = 1.0 if outcome == "success" else -1.0
     made = Episode(
         task=f"task-{outcome}-{len(names)}",
@@ -84,7 +80,7 @@ EPISODES = (
 )
 
 
-def written(directory: Path, episodes: Sequence[Episode] = EPISODES, **changes: Any) -> Path:
+def written(directory, episodes=EPISODES, **changes):
     """Writes a recording with HEADER, changed; returns its path."""
     directory.mkdir(parents=True, exist_ok=True)
     header = replace(HEADER, episodes=len(episodes), **changes)
@@ -94,12 +90,12 @@ def written(directory: Path, episodes: Sequence[Episode] = EPISODES, **changes: 
 
 
 def trained(
-    directory: Path,
-    seed: int,
-    points: Sequence[tuple[float | None, ...]],
-    configuration: str = "TowerScratch",
-    **recipe: Any,
-) -> None:
+    directory,
+    seed,
+    points,
+    configuration="TowerScratch",
+    **recipe,
+):
     """A PPO run with evaluations: accuracy on all tasks, on tasks with an image, and image accuracy."""
     directory.mkdir(parents=True)
     environment = {"configuration": configuration, "corpus": "own"}
@@ -118,7 +114,7 @@ def trained(
     (directory / "evaluations.jsonl").write_text("\n".join(lines))
 
 
-def write_example(directory: Path) -> None:
+def write_example(directory):
     """Three runs of an agent, one of another, the expert on two configurations, training runs."""
     for seed, kept in enumerate((EPISODES, EPISODES[2:], EPISODES[:2])):
         recording = written(directory, kept, training_seed=seed)
@@ -137,13 +133,13 @@ def write_example(directory: Path) -> None:
     trained(directory / "nlvr-0", 0, [(0, 0.2, 0), (0, 0.4, 0.25)], mask=False, nlvr_reward=True)
 
 
-def report_text(directory: Path) -> str:
+def report_text(directory):
     """Every table of the report on the recordings, and what its charts show."""
     items = [item for made in chapters(load_report_data([directory])).values() for item in made]
     return "\n".join(part for item in items for part in (*_described(item), ""))
 
 
-def _described(item: Item) -> Iterator[str]:
+def _described(item):
     if isinstance(item, Table):
         yield item.markdown()
         return
@@ -158,7 +154,7 @@ def _described(item: Item) -> Iterator[str]:
             yield from drawn if len(drawn) > 1 or drawn[0] != "- " else ()
 
 
-def _drawn(axes: Any) -> Iterator[str]:
+def _drawn(axes):
     """The bars by series, and the lines."""
     for bars in axes.containers:
         if hasattr(bars, "patches"):

@@ -1,13 +1,8 @@
 """The report's page in Chromium."""
 
-from __future__ import annotations
-
 import io
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 from unicodedata import normalize
 
 import numpy as np
@@ -33,13 +28,13 @@ WIDER = """() => [...document.querySelectorAll('main section, nav')].filter(part
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     with chromium() as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory) -> Path:
+def report(tmp_path_factory):
     place = tmp_path_factory.mktemp("episodes")
     for seed in (0, 1):
         written(place, training_seed=seed, run=f"runs/{seed}")

@@ -1,7 +1,5 @@
 """Phenomena and forms: each rule on the smallest programs that meet it, and on those that only look like it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -144,7 +142,7 @@ CLOSED = {
 TABLES = (SHOWN, OPEN), (NOT_SHOWN, CLOSED)
 
 
-def found(phenomenon: str, text: str) -> bool:
+def found(phenomenon, text):
     return phenomenon in (phenomena if phenomenon in RULES else syntactic_phenomena)(text)
 
 

@@ -1,9 +1,6 @@
 """Reports on episodes of language models and of people beside those of trained agents."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
 
@@ -19,7 +16,7 @@ BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
 @pytest.fixture
-def corpus(tmp_path) -> Path:
+def corpus(tmp_path):
     statements = ["There is a blue block.", "A block is blue.", "Some block is blue."]
     entries = [entry(f"t{number}", "tower", "dev", statement, BLUE) for number, statement in enumerate(statements)]
     write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", entries)
@@ -27,7 +24,7 @@ def corpus(tmp_path) -> Path:
 
 
 @pytest.fixture
-def run(corpus, tmp_path) -> Path:
+def run(corpus, tmp_path):
     """A run of a text agent whose last episode ended with an answer without an action."""
     succeeds(f"llm play TowerScratch --agent expert --corpus {corpus} --out", tmp_path / "run")
     path = tmp_path / "run" / "transcripts.jsonl"

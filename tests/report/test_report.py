@@ -1,15 +1,10 @@
 """Reports: one golden report, statistics with known answers, the files of a report, and errors."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import pytest
 from matplotlib.container import BarContainer
@@ -32,8 +27,6 @@ from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episode_files import Recording
-from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import OutputError
 from tests.command_line import error_of, succeeds
 from tests.json_files import read_json
@@ -53,12 +46,12 @@ def test_report__has_the_recorded_numbers_and_charts(example):
     assert report_text(example) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
 
 
-def plain(cell: Any) -> Any:
+def plain(cell):
     """Without the interval."""
     return MeanStd(*cell[:3]) if isinstance(cell, MeanStd) else cell
 
 
-def rows(table: Any) -> list[tuple[Any, ...]]:
+def rows(table):
     return [tuple(map(plain, row)) for row in table.rows]
 
 
@@ -87,7 +80,7 @@ def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
     assert str(mean_std([100 / 591, 0, 0])) == "0.06 ± 0.10"
 
 
-def accuracies(*by_statement: Sequence[int]) -> tuple[Episode, ...]:
+def accuracies(*by_statement):
     """Episodes of statements "0", "1", ...: successes (1) and failures (0) of each."""
     return tuple(
         episode("success" if outcome else "wrong_stop", "STOP", statement=str(index), task=f"{index}-{number}")
@@ -96,13 +89,13 @@ def accuracies(*by_statement: Sequence[int]) -> tuple[Episode, ...]:
     )
 
 
-def recordings(directory: Path, *of_runs: Sequence[Episode]) -> tuple[Recording, ...]:
+def recordings(directory, *of_runs):
     for seed, kept in enumerate(of_runs):
         written(directory, kept, training_seed=seed)
     return load_report_data([directory]).entries[0].runs
 
 
-def interval(of: Sequence[Recording]) -> tuple[float | None, float | None]:
+def interval(of):
     found = accuracy_where(of)
     return found.low, found.high
 
@@ -153,13 +146,13 @@ def test_chapters__missing_items_say_why(tmp_path):
     assert "--optimal" in missing["Edits needed"]
 
 
-def digests(directory: Path) -> dict[str, str]:
+def digests(directory):
     files = [path for path in directory.rglob("*") if path.is_file()]
     return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 @pytest.fixture(scope="module")
-def example(tmp_path_factory) -> Path:
+def example(tmp_path_factory):
     """The directory of the example; read-only."""
     place = tmp_path_factory.mktemp("example")
     write_example(place)
@@ -203,7 +196,7 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path):
 
 
 @pytest.fixture
-def undrawn(monkeypatch) -> None:
+def undrawn(monkeypatch):
     """Leaves pictures empty, as drawing is slow."""
     monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))
 
@@ -237,7 +230,7 @@ def test_report__incomparable_recordings_are_refused_naming_file_and_key(tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def cut(path: Path) -> None:
+def cut(path):
     path.write_bytes(path.read_bytes()[:-9])
 
 
@@ -300,7 +293,7 @@ def test_line_chart__names_few_lines_at_their_ends_without_overlap_and_many_in_a
     assert not many.axes[0].texts
 
 
-def certain(value: float) -> MeanStd:
+def certain(value):
     return MeanStd(value, None, 1, value, value)
 
 

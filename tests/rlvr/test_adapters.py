@@ -1,13 +1,11 @@
 """Each adapter keeps the contract of its library, where that is installed."""
 
-from __future__ import annotations
-
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.command_line import python
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,16 +18,9 @@ ROOT = Path(__file__).parents[2]
         *((name, name) for name in ("openenv", "reasoning_gym", "trl", "verifiers")),
     ],
 )
-def test_adapter__passes_the_tests_of_its_folder(folder: str, library: str) -> None:
+def test_adapter__passes_the_tests_of_its_folder(folder, library):
     pytest.importorskip(library, reason=f"needs the library of integrations/{folder}")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", "."]
+    command = ["-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", "."]
     path = os.pathsep.join([".", str(ROOT), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        command,
-        cwd=ROOT / "integrations" / folder,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python(*command, cwd=ROOT / "integrations" / folder, env={**os.environ, "PYTHONPATH": path})
     assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]

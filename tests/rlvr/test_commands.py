@@ -1,10 +1,6 @@
 """`lilgym-mp prompts` and `lilgym-mp score`."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,12 +10,12 @@ from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.json_files import read_json, read_json_lines
 
 
-def written(path: Path, *lines: object) -> str:
+def written(path, *lines):
     path.write_text("".join(line if isinstance(line, str) else json.dumps(line) + "\n" for line in lines))
     return str(path)
 
 
-def rows_of(prompts: Path, options: str) -> list[Any]:
+def rows_of(prompts, options):
     """The rows that `lilgym-mp llm prompts OPTIONS` writes."""
     succeeds(f"llm prompts {options} --out", prompts)
     return read_json_lines(prompts)

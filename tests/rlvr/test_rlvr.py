@@ -1,14 +1,10 @@
 """Rows for training language models: generation, prompts, exact scores, conversations, baselines."""
 
-from __future__ import annotations
-
 import json
 import random
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice, product
-from typing import Any
 
 import pytest
 
@@ -42,7 +38,7 @@ TOLD = PLAN.to_json()["task"]
 KINDS_AND_APPEARANCES = [(kind, appearance) for kind in KINDS for appearance in APPEARANCES]
 
 
-def some(kind: str, appearance: str = "tower", count: int = 4, **settings: Any) -> list[Row]:
+def some(kind, appearance="tower", count=4, **settings):
     return list(islice(rows(kind, appearance, **settings), count))
 
 
@@ -394,7 +390,7 @@ def test_hostile_replies__are_scored_in_bounded_time():
     assert outcomes["not_understood"] > 120
 
 
-def word_mutants(program: str) -> Iterator[str]:
+def word_mutants(program):
     """Programs in which one word, number or comparison is another."""
     groups = (
         "is_yellow is_blue is_black",

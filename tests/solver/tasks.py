@@ -1,28 +1,22 @@
 """Helpers of the solver's tests: tasks, MDPs, playing actions, and exhaustive trial."""
 
-from __future__ import annotations
-
 import random
-from collections.abc import Sequence
 
-from lilgym_mp.envs.rules import Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import Outcome, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action
 from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 
 
-def task(program: str, start: Scene | None = None, *, target: bool = True) -> Task:
+def task(program, start=None, *, target=True):
     return Task("one", "A statement.", program, target, start or Scene.empty())
 
 
-def mdp(
-    appearance: str, rules: str = "paper", horizon: int | None = None, grid: tuple[int, int] | str = RELEASED_GRID
-) -> Dynamics:
+def mdp(appearance, rules="paper", horizon=None, grid=RELEASED_GRID):
     return make_dynamics(make_appearance(appearance, grid), rules, horizon)
 
 
-def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outcome:
+def outcome(dynamics, state, actions):
     """The outcome of the last action; none before it may end the episode."""
     *edits, last = actions
     for edit in edits:
@@ -32,7 +26,7 @@ def outcome(dynamics: Dynamics, state: State, actions: Sequence[Action]) -> Outc
     return dynamics.step(state, last).outcome
 
 
-def after_random_edits(dynamics: Dynamics, state: State, edits: int, seed: int) -> State:
+def after_random_edits(dynamics, state, edits, seed):
     """The state after `edits` random legal edits."""
     rng = random.Random(seed)
     for _ in range(edits):
@@ -41,13 +35,13 @@ def after_random_edits(dynamics: Dynamics, state: State, edits: int, seed: int) 
     return state
 
 
-def optimal_by_trial(dynamics: Dynamics, state: State, max_edits: int) -> tuple[int | None, set[int]]:
+def optimal_by_trial(dynamics, state, max_edits):
     """The distance to the nearest goal and the optimal first actions, breadth-first over all legal actions."""
     if dynamics.goal_reached(state):
         return 0, {0}
-    layer: dict[Scene, tuple[State, set[int]]] = {state.scene: (state, set())}  # with the first actions to each
+    layer = {state.scene: (state, set())}  # with the first actions to each
     for edits in range(1, max_edits + 1):
-        next_layer: dict[Scene, tuple[State, set[int]]] = {}
+        next_layer = {}
         for before, firsts in layer.values():
             for action in dynamics.legal_mask(before).nonzero()[0][1:].tolist():
                 after = dynamics.step(before, dynamics.appearance.decode(action)).state

@@ -4,8 +4,6 @@ import hashlib
 import json
 import os
 import random
-import subprocess
-import sys
 
 import pytest
 
@@ -14,6 +12,7 @@ from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver, WeightedGoal
+from tests.command_line import python
 from tests.solver.tasks import after_random_edits, mdp
 
 BUDGET = 4_000  # so low that many searches exhaust it: that is where what earlier ones left behind could matter
@@ -42,8 +41,7 @@ def in_new_process(appearance, order):
     code = "import json; from tests.solver.test_determinism import results;"
     code += f"print(json.dumps(results({appearance!r}, {order})))"
     environment = {**os.environ, "PYTHONHASHSEED": str(order)}
-    output = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-    return json.loads(output.stdout)
+    return json.loads(python("-c", code, env=environment).stdout)
 
 
 def test_scatter__equal_in_any_order_and_process():

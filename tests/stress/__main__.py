@@ -1,7 +1,5 @@
 """Runs a stress test: python -m tests.stress NAME [--count N] [--seed S]. Exits with 1 if anything is wrong."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from importlib import import_module
@@ -20,7 +18,7 @@ TESTS = {
 }
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
     parser.add_argument("name", choices=TESTS)
     parser.add_argument("--count", type=int, default=1_000, metavar="N", help="of cases (default: %(default)s)")

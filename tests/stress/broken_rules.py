@@ -5,8 +5,6 @@ function's body is changed at a time. With LILGYM_DATA and LILGYM_GOLDEN, the te
 Run from the root of a checkout: python -m tests.stress.broken_rules [--only rules.py:Dynamics.step] [--most 8]
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os
@@ -14,21 +12,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 IGNORED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
 
-PAIRS: Sequence[tuple[type[Any], type[Any]]] = (
+PAIRS = (
     *((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.Is, ast.IsNot), (ast.In, ast.NotIn)),
     *((ast.And, ast.Or), (ast.Add, ast.Sub), (ast.BitAnd, ast.BitOr)),
 )
-OPPOSITES: Mapping[type[Any], type[Any]] = {**dict(PAIRS), **{second: first for first, second in PAIRS}}
+OPPOSITES = {**dict(PAIRS), **{second: first for first, second in PAIRS}}
 
 # By file and function: the tests of which one must fail.
-RULES: Mapping[str, tuple[str, ...]] = {
+RULES = {
     "lilgym_mp/envs/rules.py:Dynamics.step": ("tests/test_rules.py",),
     "lilgym_mp/envs/rules.py:_step_result": ("tests/test_rules.py",),
     "lilgym_mp/scene/appearances/scatter/geometry.py:PlacementTables.closest": ("tests/appearances/test_scatter.py",),
@@ -56,16 +52,16 @@ RULES: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def function(tree: ast.Module, name: str) -> ast.FunctionDef:
+def function(tree, name):
     """The function or method of that name. Raises KeyError."""
-    found: Any = tree
+    found = tree
     for part in name.split("."):
         defined = {each.name: each for each in found.body if isinstance(each, ast.ClassDef | ast.FunctionDef)}
         found = defined[part]
     return found
 
 
-def mutants(source: str, name: str) -> Iterator[tuple[str, str]]:
+def mutants(source, name):
     """Describes each possible change of the function's body, and gives the source with it."""
     count = sum(1 for _ in _places(function(ast.parse(source), name)))
     for index in range(count):
@@ -76,7 +72,7 @@ def mutants(source: str, name: str) -> Iterator[tuple[str, str]]:
         yield f"line {node.lineno}: {before} -> {ast.unparse(node)}", ast.unparse(ast.fix_missing_locations(tree))
 
 
-def _places(found: ast.FunctionDef) -> Iterator[tuple[Any, Any]]:
+def _places(found):
     """The nodes to change, and functions that change them."""
     for node in (node for statement in found.body for node in ast.walk(statement)):
         match node:
@@ -92,14 +88,14 @@ def _places(found: ast.FunctionDef) -> Iterator[tuple[Any, Any]]:
                 yield node, lambda node, value=value: setattr(node, "value", value + 1)
 
 
-def passes(copy: Path, tests: Sequence[str]) -> bool:
+def passes(copy, tests):
     """Whether all these tests pass in the copy."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not long", *tests]
     environment = {**os.environ, "PYTHONPATH": str(copy)}
     return subprocess.run(command, cwd=copy, env=environment, capture_output=True, check=False).returncode == 0
 
 
-def main() -> int:
+def main():
     """Prints each change and whether a test failed; the exit code is 1 if all passed in spite of one."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", default="", metavar="FILE:FUNCTION", help="part of the name of a rule")

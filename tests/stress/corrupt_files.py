@@ -1,14 +1,11 @@
 """Loads corrupt corpora: every fault must be reported in one printable line."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import random
 import tempfile
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import entry
@@ -16,7 +13,7 @@ from tests.corpora import entry
 SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "size": 10}], []]
 PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
 ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
-ODD_VALUES: tuple[Any, ...] = (
+ODD_VALUES = (
     None,
     True,
     0,
@@ -37,14 +34,14 @@ ODD_VALUES: tuple[Any, ...] = (
 CORRUPTIONS = ("flip", "cut", "repeat", "odd value", "lost key", "deep", "gzip", "not text")
 
 
-def corpus_bytes() -> bytes:
+def corpus_bytes():
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "good.jsonl"
         write_corpus(path, "own", "MIT", [ENTRY])
         return path.read_bytes()
 
 
-def corrupt(good: bytes, corruption: str, rng: random.Random) -> bytes:
+def corrupt(good, corruption, rng):
     """The bytes of a corpus file after a corruption."""
     place = rng.randrange(len(good))
     match corruption:
@@ -75,7 +72,7 @@ def corrupt(good: bytes, corruption: str, rng: random.Random) -> bytes:
             return "\n".join((json.dumps(holders[3]), json.dumps(record), "")).encode()
 
 
-def corrupt_corpora(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def corrupt_corpora(count, seed):
     """Loads `count` corrupt corpora; returns the results by corruption, and messages that cannot be printed.
 
     Errors other than CorpusError are raised.

@@ -3,8 +3,6 @@
 A report must be a page without foreign markup, or one line of error; a response must come in time and be no 5xx.
 """
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import gzip
@@ -14,9 +12,7 @@ import random
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.cli import main as run_command
 from lilgym_mp.evaluation.files import SUFFIX
@@ -25,7 +21,7 @@ from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 EPISODES = 8
 SECONDS = 10.0  # for any response, on a busy machine
 MARKUP = "<script>alert(1)</script>"
-ODD_VALUES: tuple[Any, ...] = (
+ODD_VALUES = (
     None,
     True,
     -1,
@@ -57,14 +53,14 @@ ODD_VALUES: tuple[Any, ...] = (
 )
 
 
-def _places(value: Any) -> Iterator[tuple[Any, Any]]:
+def _places(value):
     """Every container in a JSON value with each of its keys or indices."""
     for key, inner in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
         yield value, key
         yield from _places(inner)
 
 
-def spoil(value: Any, rng: random.Random) -> str:
+def spoil(value, rng):
     """Replaces or removes a part of the JSON value; returns which."""
     container, key = rng.choice(list(_places(value)))
     odd = rng.choice(ODD_VALUES)
@@ -75,7 +71,7 @@ def spoil(value: Any, rng: random.Random) -> str:
     return f"{key}: {str(odd)[:60]!r}"
 
 
-def recorded(directory: Path, configuration: str = "TowerScratch") -> tuple[list[Any], Any]:
+def recorded(directory, configuration="TowerScratch"):
     """The header and some episodes of a recording with decisions, and its metadata."""
     words = ["evaluate", "--policy", "random-legal", "--configuration", configuration, "--record-decisions"]
     _quietly([*words, "--record", str(directory)])
@@ -86,14 +82,14 @@ def recorded(directory: Path, configuration: str = "TowerScratch") -> tuple[list
     return rows, json.loads(next(directory.rglob(f"*{METADATA_SUFFIX}")).read_text(encoding="utf-8"))
 
 
-def _quietly(words: list[str]) -> tuple[int, str]:
+def _quietly(words):
     """The exit code of a command line and what it wrote on stderr."""
     written = io.StringIO()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(written):
         return run_command(words), written.getvalue()
 
 
-def hostile_reports(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def hostile_reports(count, seed):
     """Outcomes of `count` reports, each with one spoilt value, and no faults: raises AssertionError for any."""
     rng, outcomes = random.Random(seed), Counter[str]()
     with tempfile.TemporaryDirectory() as base:
@@ -109,11 +105,11 @@ def hostile_reports(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     return outcomes, []
 
 
-def _lines(rows: Any) -> str:
+def _lines(rows):
     return "".join(json.dumps(row) + "\n" for row in rows)
 
 
-def _outcome(case: Path) -> str:
+def _outcome(case):
     code, errors = _quietly(["report", str(case), "--out", str(case / "out")])
     if code == 0:
         page = (case / "out" / "index.html").read_text(encoding="utf-8")
@@ -125,7 +121,7 @@ def _outcome(case: Path) -> str:
     return "one line"
 
 
-def hostile_pages(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def hostile_pages(count, seed):
     """Responses by status to what the pages ask for on `count` spoilt recordings, and those that must not happen."""
     from tests.web.web_app import Browser, server
 
@@ -149,7 +145,7 @@ def hostile_pages(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     return outcomes, faults
 
 
-def _responses(browser: Any) -> Iterator[tuple[str, Any]]:
+def _responses(browser):
     """Requests everything that the pages on recordings do."""
     base = "/api/watch/recordings"
     paths = [base, "/api/explore/statements?appearance=tower&split=dev", "/watch"]

@@ -1,15 +1,11 @@
 """Hostile replies to rows of every kind: none raises, and none takes more than 50 ms of CPU time to score."""
 
-from __future__ import annotations
-
 import random
 import time
 from collections import Counter
-from collections.abc import Iterator
 from itertools import cycle, islice
-from typing import Any
 
-from lilgym_mp.contrib.rlvr import KINDS, Conversation, Row, expert_reply, rows, score
+from lilgym_mp.contrib.rlvr import KINDS, Conversation, expert_reply, rows, score
 from tests.stress.program_language import ATTACKS
 
 MAX_SECONDS = 0.05
@@ -22,10 +18,10 @@ PIECES = (
     *("{", "}", "[" * 40, "lambda x: ", "exist(all_items)", "9" * 5_000, "-", "`", "*" * 30, "é", "\u2028", "not "),
     *("import os; os.abort()", "__import__('os')", "eval(", "while True: pass", "print(1)", "{{7*7}}", "'; DROP TABLE"),
 )
-VALUES: tuple[Any, ...] = (None, 3, 0.5, True, b"STOP", [], ["STOP"], {"action": "STOP"}, object(), float("nan"))
+VALUES = (None, 3, 0.5, True, b"STOP", [], ["STOP"], {"action": "STOP"}, object(), float("nan"))
 
 
-def hostile_replies(rng: random.Random, example: str) -> Iterator[Any]:
+def hostile_replies(rng, example):
     """Endless: values of other types, long repetitions, programs as bombs, random pieces, a right form broken."""
     yield from VALUES
     for piece in PIECES:
@@ -46,7 +42,7 @@ def hostile_replies(rng: random.Random, example: str) -> Iterator[Any]:
                 yield "".join(map(chr, rng.choices(range(0x110000), k=rng.randrange(1, 500))))
 
 
-def examined(count: int, seed: int, most_seconds: float = MAX_SECONDS) -> tuple[Counter[str], list[str]]:
+def examined(count, seed, most_seconds=MAX_SECONDS):
     """Scores `count` replies; returns how many had each outcome, and which took longer."""
     rng = random.Random(seed)
     sources = [
@@ -68,7 +64,7 @@ def examined(count: int, seed: int, most_seconds: float = MAX_SECONDS) -> tuple[
     return outcomes, slow
 
 
-def _timed(reply: Any, row: Row) -> tuple[str, float]:
+def _timed(reply, row):
     """The outcome of a reply, and the CPU seconds it took."""
     begun = time.process_time()
     if row.kind == "plan":

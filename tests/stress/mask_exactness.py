@@ -4,15 +4,12 @@ Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA,
 from random valid edits of these and of the empty scene.
 """
 
-from __future__ import annotations
-
 import os
 import random
-from collections.abc import Iterable
 from itertools import product
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Outcome, State, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import AddBlock, AddItem
@@ -23,7 +20,7 @@ MAX_EDITS = 12
 REMOVE_SHARE = 0.3  # of the edits tried, so that boxes do not just fill up
 
 
-def start_scenes(appearance: str) -> list[Scene]:
+def start_scenes(appearance):
     """The distinct start scenes of the available corpora, after the empty scene."""
     corpora = [("builtin", split) for split in ("train", "dev", "test")]
     if os.environ.get("LILGYM_DATA"):
@@ -33,9 +30,9 @@ def start_scenes(appearance: str) -> list[Scene]:
     return [make_appearance(appearance).check_scene(Scene.empty()), *scenes.values()]
 
 
-def played_scenes(dynamics: Dynamics, starts: list[Scene], count: int, rng: random.Random) -> list[Scene]:
+def played_scenes(dynamics, starts, count, rng):
     """The scenes after each valid edit of random episodes, start scenes excluded."""
-    found: list[Scene] = []
+    found = []
     while len(found) < count:
         scene = rng.choice(starts) if rng.random() < 0.7 else starts[0]
         for _ in range(MAX_EDITS):
@@ -44,7 +41,7 @@ def played_scenes(dynamics: Dynamics, starts: list[Scene], count: int, rng: rand
     return found[:count]
 
 
-def _after_valid_edit(dynamics: Dynamics, scene: Scene, rng: random.Random) -> Scene:
+def _after_valid_edit(dynamics, scene, rng):
     """The scene after a random edit that is valid according to `apply`, not the mask."""
     appearance, placement = dynamics.appearance, dynamics.rules.placement
     while True:
@@ -56,7 +53,7 @@ def _after_valid_edit(dynamics: Dynamics, scene: Scene, rng: random.Random) -> S
                 return edit.scene
 
 
-def scenes_of(dynamics: Dynamics, count: int, *, start_share: float = 0.5, seed: int = 0) -> list[Scene]:
+def scenes_of(dynamics, count, *, start_share=0.5, seed=0):
     """Scenes to check: the empty one, up to `start_share` start scenes, and the others from random play."""
     rng = random.Random(seed)
     starts = start_scenes(dynamics.appearance.name)
@@ -64,7 +61,7 @@ def scenes_of(dynamics: Dynamics, count: int, *, start_share: float = 0.5, seed:
     return chosen + played_scenes(dynamics, starts, count - len(chosen), rng)
 
 
-def wrong_actions(dynamics: Dynamics, scene: Scene, actions: Iterable[int] | None = None) -> list[int]:
+def wrong_actions(dynamics, scene, actions=None):
     """The actions, of those args or all, about which the mask and a step disagree."""
     state = State(TASK, scene, 0)
     mask = dynamics.legal_mask(state).tolist()
@@ -76,10 +73,10 @@ def wrong_actions(dynamics: Dynamics, scene: Scene, actions: Iterable[int] | Non
     ]
 
 
-def compare(count: int, seed: int) -> tuple[dict[str, int], list[str]]:
+def compare(count, seed):
     """The actions tried in `count` scenes by appearance and rule set, and those about which the mask is wrong."""
-    tried: dict[str, int] = {}
-    wrong: list[str] = []
+    tried = {}
+    wrong = []
     for appearance, rules in product(sorted(APPEARANCES), sorted(RULE_SETS)):
         dynamics = make_dynamics(make_appearance(appearance), rules)
         scenes = scenes_of(dynamics, count, seed=seed)

@@ -3,15 +3,11 @@
 Each attack runs in its own process with limited CPU time and memory.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import resource
 import sys
-from collections.abc import Callable
 from itertools import islice
 from time import process_time
-from typing import Any
 
 from lilgym_mp.programs import Program, ProgramError
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
@@ -22,7 +18,7 @@ MEGABYTES = 300  # on top of the initial process size
 ITEMS = 72  # the most that generated code accepts
 
 
-def nested(levels: int, step: str, leaf: str, first: str) -> str:
+def nested(levels, step, leaf, first):
     """`leaf` inside `levels` lambdas with parameters v1, v2, ...; each is bound to `step` of the previous one."""
     source = leaf
     for level in range(levels, 0, -1):
@@ -30,12 +26,12 @@ def nested(levels: int, step: str, leaf: str, first: str) -> str:
     return f"All([{first}], lambda v0: {source})"
 
 
-def loops(variables: str, leaf: str) -> str:
+def loops(variables, leaf):
     """`leaf` inside nested loops over all items."""
     return "".join(f"All(all_items, lambda {name}: " for name in variables) + leaf + ")" * len(variables)
 
 
-def repeated(levels: int, outer: str, leaf: str) -> str:
+def repeated(levels, outer, leaf):
     source = leaf
     for level in range(levels):
         source = outer.format(f"b{level}", source)
@@ -45,7 +41,7 @@ def repeated(levels: int, outer: str, leaf: str) -> str:
 SHARED = "[{0}, {0}]"
 DOUBLED = "{0} + {0}"
 PAIRS, TRIPLES = "combinations(all_items, 2)", "combinations(all_items, 3)"
-ATTACKS: dict[str, str] = {
+ATTACKS = {
     **{
         f"shared lists, {leaf}": nested(25, SHARED, leaf.format("v25"), "1")
         for leaf in ("equal({0}, 1)", "{0} == {0}", "all_same({0})", "min([{0}, {0}]) == 1", "{0} in {0}")
@@ -81,19 +77,19 @@ ATTACKS: dict[str, str] = {
 }
 
 
-def crowded_scene(count: int) -> Scene:
+def crowded_scene(count):
     """A scene of `count` small items, which may overlap."""
     items = [Item(3 * (n % 30), 3 * (n // 30 % 30), Shape(n % 3), Colour(n // 3 % 3), Size.SMALL) for n in range(count)]
     return Scene.of(items[::3], items[1::3], items[2::3])
 
 
-def attack(source: str, items: int = ITEMS) -> dict[str, Any]:
+def attack(source, items=ITEMS):
     """Time, memory and outcome of compiling and evaluating `source`."""
     before, begun = _peak(), process_time()
     try:
         program = Program(source)
     except ProgramError as fault:
-        result: bool | str = str(fault)
+        result = str(fault)
         compiled = process_time()
     else:
         compiled = process_time()
@@ -107,12 +103,12 @@ def attack(source: str, items: int = ITEMS) -> dict[str, Any]:
     }
 
 
-def _peak() -> float:
+def _peak():
     """Peak memory of this process in megabytes."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def run_limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, megabytes: int = MEGABYTES) -> Any:
+def run_limited(work, *args, seconds=SECONDS, megabytes=MEGABYTES):
     """The result of `work` in its own process, or a text saying how the process ended."""
     context = multiprocessing.get_context("fork")
     answers, child_end = context.Pipe(duplex=False)
@@ -128,9 +124,7 @@ def run_limited(work: Callable[..., Any], *args: Any, seconds: int = SECONDS, me
     return answer if process.exitcode == 0 else f"{answer} (exit code {process.exitcode})"
 
 
-def _run_limited_child(
-    answers: Any, seconds: int, megabytes: int, work: Callable[..., Any], args: tuple[Any, ...]
-) -> None:
+def _run_limited_child(answers, seconds, megabytes, work, args):
     with open("/proc/self/statm", encoding="ascii") as file:
         used = int(file.read().split()[0]) * resource.getpagesize()
     limit = used + megabytes * 1_000_000
@@ -143,7 +137,7 @@ def _run_limited_child(
         sys.exit(1)
 
 
-def measure(count: int, seed: int) -> tuple[dict[str, Any], list[str]]:
+def measure(count, seed):
     """Time, memory and outcome of the first `count` attacks."""
     found = {name: run_limited(attack, source) for name, source in islice(ATTACKS.items(), count)}
     return found, [f"{name}: {result}" for name, result in found.items() if isinstance(result, str)]

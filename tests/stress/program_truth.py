@@ -5,12 +5,9 @@ generated code, the compiled instructions of batched environments, the canonical
 tokens. The grammar below is written by hand, independently of the tables by which the evaluators work.
 """
 
-from __future__ import annotations
-
 import random
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
 from itertools import islice
 
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
@@ -104,10 +101,10 @@ Bound = tuple[tuple[str, str], ...]  # variables in scope: name and type
 class TypedPrograms:
     """Random programs of the grammar."""
 
-    def __init__(self, rng: random.Random) -> None:
+    def __init__(self, rng):
         self._rng = rng
 
-    def program(self) -> str:
+    def program(self):
         """A program that the parser accepts."""
         while True:
             source = self._expression("bool", self._rng.choice(DEPTHS), (), whole=True)
@@ -117,7 +114,7 @@ class TypedPrograms:
                 continue
             return source
 
-    def _expression(self, kind: str, depth: int, bound: Bound, *, whole: bool = False) -> str:
+    def _expression(self, kind, depth, bound, *, whole=False):
         rng = self._rng
         if rng.random() < WRONG_TYPES:
             kind = rng.choice(list(FORMS))
@@ -131,7 +128,7 @@ class TypedPrograms:
         text = _PART.sub(lambda match: self._part(match[1], depth - 1, bound), form)
         return text.replace("{{", "{").replace("}}", "}")
 
-    def _part(self, wanted: str, depth: int, bound: Bound) -> str:
+    def _part(self, wanted, depth, bound):
         parameter, _, result = wanted.partition(":")
         if not result:
             return self._expression(wanted, depth, bound)
@@ -141,11 +138,11 @@ class TypedPrograms:
         return f"lambda {name}: {self._expression(result, depth, (*bound, (name, parameter)))}"
 
 
-def _names(bound: Bound) -> set[str]:
+def _names(bound):
     return {name for name, _ in bound}
 
 
-def scenes(rng: random.Random) -> tuple[Scene, ...]:
+def scenes(rng):
     """An empty scene, one with towers, one of few items, a full one, and an odd one."""
     size = rng.choice(list(Size))
     free = range(101 - size.pixels)
@@ -163,15 +160,15 @@ def scenes(rng: random.Random) -> tuple[Scene, ...]:
     )
 
 
-def _tower(rng: random.Random, height: int) -> list[Item]:
+def _tower(rng, height):
     return [Item(40, 80 - 21 * level, Shape.SQUARE, rng.choice(list(Colour)), Size.MEDIUM) for level in range(height)]
 
 
-def _item(rng: random.Random, x: int, y: int, size: Size | None = None) -> Item:
+def _item(rng, x, y, size=None):
     return Item(x, y, rng.choice(list(Shape)), rng.choice(list(Colour)), size or rng.choice(list(Size)))
 
 
-def mutated(rng: random.Random, source: str) -> str:
+def mutated(rng, source):
     """The text with some substrings deleted or duplicated."""
     for _ in range(rng.randint(1, 3)):
         a, b = sorted(rng.randrange(len(source) + 1) for _ in "ab")
@@ -180,7 +177,7 @@ def mutated(rng: random.Random, source: str) -> str:
     return source
 
 
-def value(program: Program, scene: Scene, *, reference: bool = False) -> bool | str:
+def value(program, scene, *, reference=False):
     """The program's value, or its error message."""
     try:
         return program.evaluate_reference(scene) if reference else program.evaluate(scene)
@@ -188,7 +185,7 @@ def value(program: Program, scene: Scene, *, reference: bool = False) -> bool | 
         return str(fault)
 
 
-def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bool | str]) -> Iterator[str]:
+def differences(program, probes, expected):
     """Disagreements with the reference evaluator's values, except in batches."""
     generated = ("generated code", "generated code, again") if program.has_generated_code else ()
     for scene, wanted in zip(probes, expected, strict=True):
@@ -217,7 +214,7 @@ def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bo
         yield f"tokens {' '.join(tokens)} are another program than {text}"
 
 
-def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene, bool | str]]) -> Iterator[str]:
+def batch_differences(appearance, cases):
     """Disagreements of compiled cores, in which an error counts as false, with the reference evaluator."""
     tasks = [Task("own", "It is so.", source, True, scene) for source, scene, _ in cases]
     core, buffers = started_core(appearance, tasks, horizon=1)
@@ -227,14 +224,14 @@ def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene, bool | 
             yield f"{source}: a batch of {appearance} gives {bool(found)}, not {wanted}, on {scene}"
 
 
-def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def compare(count, seed):
     """Compares all forms of `count` random programs. Returns what was compared, and the disagreements."""
     rng = random.Random(seed)
     generator = TypedPrograms(rng)
-    compared: Counter[str] = Counter()
-    found: list[str] = []
+    compared = Counter()
+    found = []
     for first in range(0, count, BATCH):
-        cases: dict[str, list[tuple[str, Scene, bool | str]]] = {"tower": [], "scatter": []}
+        cases = {"tower": [], "scatter": []}
         for _ in range(min(BATCH, count - first)):
             source = generator.program()
             try:

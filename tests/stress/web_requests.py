@@ -4,23 +4,19 @@ Requests are generated from the application's OpenAPI schema, with values omitte
 another type and by ones that often break servers; some bodies are nonsense. They are sent to an in-process application.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import tempfile
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any
 from urllib.parse import quote
 
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
-HOSTILE_VALUES: tuple[Any, ...] = (
+HOSTILE_VALUES = (
     *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
     *("", " ", "\0", "a\0b", "\ud800", "\u202e", "é" * 300, "x" * 9_000),
     *("'; DROP TABLE annotations; --", "../../etc/passwd"),
@@ -41,19 +37,19 @@ HEADERS = (
 class RequestGenerator:
     """Endless iterator of random requests for the operations of an OpenAPI schema."""
 
-    def __init__(self, schema: Mapping[str, Any], random: Random, known: Mapping[str, list[Any]]) -> None:
+    def __init__(self, schema, random, known):
         self.random = random
         self.known = known  # existing values by parameter name
-        self._components: Mapping[str, Any] = schema.get("components", {}).get("schemas", {})
+        self._components = schema.get("components", {}).get("schemas", {})
         self.operations = [
             (path, *operation) for path, methods in schema["paths"].items() for operation in methods.items()
         ]
 
-    def __iter__(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    def __iter__(self):
         """Method, path, and further arguments of httpx's `request`."""
         while True:
             path, method, described = self.random.choice(self.operations)
-            options: dict[str, Any] = {"params": []}
+            options = {"params": []}
             for parameter in described.get("parameters", ()):
                 name = parameter["name"]
                 text = _text(self._value(parameter.get("schema", {}), name))
@@ -68,7 +64,7 @@ class RequestGenerator:
                 options["headers"] = self.random.choice(HEADERS)
             yield method, path, options
 
-    def _body(self, content: Mapping[str, Any]) -> dict[str, Any]:
+    def _body(self, content):
         if self.random.random() < 0.15 or "application/json" not in content:
             return {"content": self.random.choice(BODIES)}
         body = self._value(content["application/json"]["schema"], "", hostile=0.05)
@@ -77,7 +73,7 @@ class RequestGenerator:
             data = data[: self.random.randrange(1 + len(data))]
         return {"content": data, "headers": {"Content-Type": "application/json"}}
 
-    def _value(self, schema: Mapping[str, Any], name: str, hostile: float = 0.25) -> Any:
+    def _value(self, schema, name, hostile=0.25):
         """A value that fits the schema, or with probability `hostile` one of HOSTILE_VALUES."""
         random = self.random
         if random.random() < hostile:
@@ -103,11 +99,11 @@ class RequestGenerator:
                 return random.choice(("x", "a-b_c", "blue", "STOP", "exist(all_items)", "scatter-dev-025-a"))
 
 
-def _text(value: Any) -> str:
+def _text(value):
     return (value if isinstance(value, str) else json.dumps(value)).encode(errors="replace").decode()
 
 
-def _client(app: Any) -> Any:
+def _client(app):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         from starlette.testclient import TestClient
@@ -115,7 +111,7 @@ def _client(app: Any) -> Any:
     return TestClient(app, raise_server_exceptions=False)
 
 
-def _known(clients: list[Any]) -> dict[str, list[Any]]:
+def _known(clients):
     """Creates episodes; returns existing ids by parameter name."""
     episodes = [
         client.post("/api/play/episodes", json={"configuration": configuration}).json()["id"]
@@ -125,7 +121,7 @@ def _known(clients: list[Any]) -> dict[str, list[Any]]:
     return {"episode_id": episodes, "statement_id": ["tower-dev-001", "scatter-dev-025-a"]}
 
 
-def send(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def send(count, seed):
     """Sends `count` requests; returns the responses by status, and the requests with a 5xx response."""
     logging.getLogger("lilgym_mp.contrib.web").addHandler(logging.StreamHandler())
     random, statuses, failed = Random(seed), Counter[str](), list[str]()

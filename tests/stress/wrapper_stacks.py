@@ -4,11 +4,9 @@ Each stack of one to four wrappers with random settings is put on single environ
 stacks, on workers. Either all refuse it with the same kind of error, or `lilgym_mp.testing` finds that they play alike.
 """
 
-from __future__ import annotations
-
 import random
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -27,12 +25,12 @@ WORKER_SHARE = 0.1  # of the stacks that are also put on workers
 Stack = Sequence[tuple[str, dict[str, Any]]]  # names of factories without version, and settings
 
 
-def letters(statement: str) -> list[int]:
+def letters(statement):
     """A toy sentence encoder."""
     return [statement.count(letter) for letter in "aeiou"]
 
 
-SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
+SETTINGS = {
     "action_mask": ({},),
     "box_permutation": ({},),
     "channels_first": ({},),
@@ -51,11 +49,11 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
 }
 
 
-def random_stack(rng: random.Random) -> Stack:
+def random_stack(rng):
     return [(name, rng.choice(SETTINGS[name])) for name in rng.choices(list(SETTINGS), k=rng.randint(1, 4))]
 
 
-def stacked(make: Any, stack: Stack) -> Any:
+def stacked(make, stack):
     """The environment that `make` gives, with the stack on it."""
     env = make()
     for name, settings in stack:
@@ -63,7 +61,7 @@ def stacked(make: Any, stack: Stack) -> Any:
     return env
 
 
-def made(make: Any) -> Any:
+def made(make):
     """The environment, or the kind of error with which it was refused."""
     try:
         return make()
@@ -71,12 +69,12 @@ def made(make: Any) -> Any:
         return type(fault).__name__
 
 
-def differences(configuration: str, stack: Stack, mode: AutoresetMode, *, workers: bool) -> Iterator[str]:
+def differences(configuration, stack, mode, *, workers):
     """Disagreements between the kinds of environments; "refused" alone if all refuse the stack."""
     id, settings = f"lilgym_mp/{configuration}-v0", {"corpus": "builtin", "split": "train", "horizon": HORIZON}
     single = partial(stacked, partial(gym.make, id, **settings), stack)
 
-    def batch(make: Any, **more: Any) -> Any:
+    def batch(make, **more):
         return stacked(partial(make, id, **more, **settings), stack)
 
     kinds = {"batch": partial(batch, gym.make_vec)}
@@ -95,11 +93,11 @@ def differences(configuration: str, stack: Stack, mode: AutoresetMode, *, worker
             yield f"{kind}: {error}"
 
 
-def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def compare(count, seed):
     """Compares the kinds of environments on `count` random stacks. Returns what was compared, and the differences."""
     rng = random.Random(seed)
-    compared: Counter[str] = Counter()
-    found: list[str] = []
+    compared = Counter()
+    found = []
     for stack in (random_stack(rng) for _ in range(count)):
         configuration = rng.choice(list(CONFIGURATIONS))
         mode = rng.choice((AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP))

@@ -1,15 +1,10 @@
 """The application with a database of its own, and a browser of it."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 
 
 @pytest.fixture
-def app(tmp_path) -> Iterator[Any]:
+def app(tmp_path):
     from tests.web.web_app import server
 
     with server(tmp_path) as made:
@@ -17,7 +12,7 @@ def app(tmp_path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def browser(app) -> Any:
+def browser(app):
     from tests.web.web_app import Browser
 
     return Browser(app)

@@ -1,19 +1,14 @@
 """/annotate: the paper's annotation procedure for one statement."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
-from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.programs.words import WORDS
 from tests.corpora import small_entries
@@ -26,14 +21,14 @@ QUERY = {"appearance": "tower", "split": "dev", "statement_id": STATEMENT_ID}
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
-def scenes_of(statement_id: str = STATEMENT_ID) -> list[Task]:
+def scenes_of(statement_id=STATEMENT_ID):
     """The FlipIt tasks of the statement, in file order."""
     (scratch,) = [task for task in load_tasks("builtin", "tower", "scratch", "dev") if task.id == statement_id]
     flipit = load_tasks("builtin", "tower", "flipit", "dev")
     return [task for task in flipit if (task.statement, task.program) == (scratch.statement, scratch.program)]
 
 
-def overfitted(shown: int) -> str:
+def overfitted(shown):
     """A program that has the statement's value in the first `shown` scenes, and the wrong one in another."""
     tasks = scenes_of()
     program = tasks[0].program
@@ -45,7 +40,7 @@ def overfitted(shown: int) -> str:
     raise AssertionError("no such program")
 
 
-def submit(browser: Browser, program: str, **more: Any) -> Any:
+def submit(browser, program, **more):
     return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=QUERY)
 
 
@@ -144,7 +139,7 @@ def test_annotation__posted_twice_is_one_row(browser):
     assert len(browser.get(f"{API}/annotations").text.splitlines()) == 2
 
 
-def test_statement_without_a_program__is_shown_and_annotated_by_the_labels_of_its_scenes(tmp_path: Path):
+def test_statement_without_a_program__is_shown_and_annotated_by_the_labels_of_its_scenes(tmp_path):
     blue, pair, _ = small_entries()
     entries = [{**blue, "program": None}, {**pair, "program": None, "starts": []}]
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", entries)

@@ -1,15 +1,11 @@
 """/beat: the score of a person beside an agent."""
 
-from __future__ import annotations
-
 import pytest
-
-from tests.web.web_app import Browser
 
 pytest.importorskip("torch", reason="agents need the extra `train`")
 
 
-def test_opponent__is_any_agent_that_plays_the_tasks(browser: Browser):
+def test_opponent__is_any_agent_that_plays_the_tasks(browser):
     page = browser.get("/beat").text
     assert '<option value="agent:parse-and-plan" selected>' in page
     assert '<option value="agent:imitation-tower">' in page

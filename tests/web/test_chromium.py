@@ -1,17 +1,13 @@
 """The pages in Chromium: keyboard-only use, 360-pixel width, accessibility, no console errors or external resources."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -22,7 +18,7 @@ from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
-from tests.browser import Watched, axe_script, chromium, watched_page
+from tests.browser import axe_script, chromium, watched_page
 from tests.corpora import small_entries, write_thin_corpus
 from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
 from tests.web.web_app import server
@@ -44,14 +40,14 @@ PAGES = (
 
 
 @contextmanager
-def served(directory: Path, **options: Any) -> Iterator[tuple[str, Any]]:
+def served(directory, **options):
     """Runs a server in a thread; yields its URL and application."""
     with server(directory, **options) as app, running(app) as port:
         yield f"http://127.0.0.1:{port}", app
 
 
 @contextmanager
-def running(app: Any, **options: Any) -> Iterator[int]:
+def running(app, **options):
     """Runs an application in a thread; yields its port."""
     started = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", lifespan="off", **options))
     thread = threading.Thread(target=started.run, daemon=True)
@@ -64,24 +60,24 @@ def running(app: Any, **options: Any) -> Iterator[int]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     with chromium() as opened:
         yield opened
 
 
 @pytest.fixture
-def watched(browser, tmp_path) -> Iterator[Watched]:
+def watched(browser, tmp_path):
     """A page on a server of its own."""
     with served(tmp_path) as (url, _), watched_page(browser, url=url) as opened:
         yield opened
 
 
 @pytest.fixture
-def page(watched) -> Any:
+def page(watched):
     return watched.page
 
 
-def _assert_clean(watched: Watched, *allowed: str) -> None:
+def _assert_clean(watched, *allowed):
     """All requests went to the server, and no errors occurred except those containing an allowed text."""
     assert {urlsplit(asked).netloc for asked in watched.requests} == {urlsplit(watched.page.url).netloc}
     assert [fault for fault in watched.faults if not any(each in fault for each in allowed)] == []
@@ -118,12 +114,12 @@ def test_play__by_keyboard_alone(watched):
 SIZES = [(1280, 900), (360, 740)]
 
 
-def _in_viewport(page: Any, selector: str) -> bool:
+def _in_viewport(page, selector):
     box = page.locator(selector).bounding_box()
     return box["y"] >= 0 and box["y"] + box["height"] <= page.viewport_size["height"]
 
 
-def _begin(page: Any) -> None:
+def _begin(page):
     page.goto("/play?configuration=ScatterFlipIt&task=scatter-dev-025-a")
     page.wait_for_selector(".board.fine .cells button")
     page.wait_for_selector("#episode:not([aria-busy])")
@@ -159,7 +155,7 @@ def test_play__shows_the_item_under_the_pointer(page):
     assert ghost["y"] == pytest.approx(cell["y"], abs=1)
 
 
-def _annotate(page: Any) -> None:
+def _annotate(page):
     page.goto(f"/annotate?appearance=tower&split=dev&statement_id={STATEMENT_ID}")
     page.wait_for_selector("#work:not([aria-busy])")
     page.wait_for_selector("#scenes img")
@@ -452,7 +448,7 @@ def test_pages__pass_axe(browser, tmp_path, runs, dark, width):
         assert found == []
 
 
-def _barriers(page: Any, script: str, where: str) -> list[str]:
+def _barriers(page, script, where):
     """Accessibility violations that axe-core finds in the current state of the page."""
     page.evaluate(script)
     violations = page.evaluate(f"axe.run({RULES})")["violations"]
@@ -493,7 +489,7 @@ def test_pages__pass_axe_during_and_after_interaction(browser, tmp_path, dark, w
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
+def runs(tmp_path_factory):
     """A directory with recordings of two policies on the same tasks."""
     from tests.web.test_watch import record
 
@@ -548,7 +544,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser, tmp_path, runs
         _assert_clean(watched, "/picture")  # a reload may cancel requests
 
 
-def _of_expert(title: str) -> bool:
+def _of_expert(title):
     return title.startswith("expert")
 
 
@@ -606,7 +602,12 @@ def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(br
         assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
 
 
-def _play_out(page: Any) -> None:
+def _corpus_lines(directory):
+    """A thin corpus of both appearances, line by line."""
+    return write_thin_corpus(directory / "thin.jsonl", 40).read_text().splitlines(keepends=True)
+
+
+def _play_out(page):
     """Plays a Tower game to its end: alternates ADD and REMOVE, then STOP, as proposer; cycles answers as verifier."""
     kinds = cycle(("ADD", "REMOVE"))
     for turn in range(60):
@@ -760,10 +761,10 @@ def test_annotate__a_completion_writes_a_call_only_where_a_value_is_expected(pag
         assert page.input_value("#program") == expected
 
 
-def _proxied(apps: dict[str, Any]) -> Any:
+def _proxied(apps):
     """A reverse proxy of several servers, by the prefix of their paths, which changes the Host header."""
 
-    async def proxy(scope: Any, receive: Any, send: Any) -> None:
+    async def proxy(scope, receive, send):
         prefix = "/" + scope["path"].split("/")[1]
         headers = [(name, value) for name, value in scope["headers"] if name != b"host"]
         path = scope["path"].removeprefix(prefix)
@@ -846,7 +847,7 @@ def test_game__an_illegal_edit_is_refused_with_its_reason(page):
     page.wait_for_selector("#messages:has-text('there is no block to remove')")
 
 
-def test_beat__the_address_names_the_opponent(browser: Any, tmp_path: Path):
+def test_beat__the_address_names_the_opponent(browser, tmp_path):
     pytest.importorskip("torch")
     with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
@@ -859,7 +860,7 @@ def test_beat__the_address_names_the_opponent(browser: Any, tmp_path: Path):
         _assert_clean(watched)
 
 
-def test_statement_without_a_program__is_explored_and_annotated(browser: Any, tmp_path: Path):
+def test_statement_without_a_program__is_explored_and_annotated(browser, tmp_path):
     blue, pair, _ = small_entries()
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
     options = {"corpus": str(tmp_path / "open.jsonl")}

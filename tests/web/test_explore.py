@@ -1,16 +1,11 @@
 """/explore: search, and the details of a statement."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.programs.task import Task
 from lilgym_mp.solver import Solver
 from tests.web.web_app import Browser, server
 
@@ -18,12 +13,12 @@ API = "/api/explore"
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory) -> Iterator[Browser]:
+def browser(tmp_path_factory):
     with server(tmp_path_factory.mktemp("server")) as app:
         yield Browser(app)
 
 
-def found(browser: Browser, **filters: Any) -> tuple[int, list[str]]:
+def found(browser, **filters):
     """The number of matching statements, and the ids of those on the page."""
     response = browser.get("/explore", params={"appearance": "tower", "split": "dev", **filters})
     assert response.status_code == 200, response.text
@@ -33,7 +28,7 @@ def found(browser: Browser, **filters: Any) -> tuple[int, list[str]]:
 
 
 @pytest.fixture(scope="module")
-def tasks() -> dict[str, Task]:
+def tasks():
     return {task.id: task for task in load_tasks("builtin", "tower", "scratch", "dev")}
 
 

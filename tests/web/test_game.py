@@ -1,9 +1,6 @@
 """/game: every protocol is playable from either seat, and a seat's responses contain nothing outside of its view."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,36 +24,36 @@ FORBIDDEN = (
 )
 
 
-def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
+def begin(browser, **chosen):
     response = browser.post(GAMES, chosen)
     assert response.status_code == 201, response.text
     return response.json()
 
 
-def seat(browser: Browser, key: str) -> dict[str, Any]:
+def seat(browser, key):
     response = browser.get(f"{SEATS}/{key}")
     assert response.status_code == 200, response.text
     return response.json()
 
 
-def act(browser: Browser, key: str, action: str, own_actions: int | None = None) -> Any:
+def act(browser, key, action, own_actions=None):
     if own_actions is None:
         own_actions = len(seat(browser, key)["own_actions"])
     return browser.post(f"{SEATS}/{key}/actions", {"action": action, "own_actions": own_actions})
 
 
-def legal(browser: Browser, key: str) -> list[str]:
+def legal(browser, key):
     return browser.get(f"{SEATS}/{key}/legal").json()["actions"]
 
 
-def live_game(app: Any, key: str) -> live_games.LiveGame:
+def live_game(app, key):
     return app.state.services.games.find(key)[0]
 
 
-def play_out(browser: Browser, keys: dict[str, str], seed: int = 0) -> list[str]:
+def play_out(browser, keys, seed=0):
     """Plays random legal actions in the people's seats to the end; returns all response bodies."""
     rng = np.random.default_rng(seed)
-    bodies: list[str] = []
+    bodies = []
     for _ in range(400):
         for key in keys.values():
             response = browser.get(f"{SEATS}/{key}")
@@ -72,7 +69,7 @@ def play_out(browser: Browser, keys: dict[str, str], seed: int = 0) -> list[str]
     raise AssertionError("the game did not end")
 
 
-def people(made: dict[str, Any]) -> dict[str, str]:
+def people(made):
     """The seat keys by role."""
     return {role: key for role, key in made.items() if key is not None}
 
@@ -94,7 +91,7 @@ def test_game__every_protocol_can_be_played_to_the_end(browser, protocol, seats)
     assert act(browser, key, "STOP").status_code == 409
 
 
-def keys_of(value: Any) -> set[str]:
+def keys_of(value):
     """Every key in a JSON value, recursively."""
     if isinstance(value, dict):
         return {str(key) for key in value} | {name for inner in value.values() for name in keys_of(inner)}

@@ -1,11 +1,8 @@
 """/play: episodes follow the environment's rules and are explained at their end."""
 
-from __future__ import annotations
-
 import base64
 import sqlite3
 from contextlib import closing
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +17,13 @@ from tests.web.web_app import Browser, server
 EPISODES = "/api/play/episodes"
 
 
-def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:
+def begin(browser, **chosen):
     response = browser.post(EPISODES, {"configuration": "ScatterFlipIt", **chosen})
     assert response.status_code == 201, response.text
     return response.json()
 
 
-def act(browser: Browser, episode: dict[str, Any], action: str, steps: int | None = None) -> Any:
+def act(browser, episode, action, steps=None):
     steps = episode["steps"] if steps is None else steps
     return browser.post(f"{EPISODES}/{episode['id']}/actions", {"action": action, "steps": steps})
 

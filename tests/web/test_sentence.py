@@ -1,17 +1,11 @@
 """/sentence: readings, doubts and plans of typed sentences."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
-
-from tests.web.web_app import Browser
 
 pytest.importorskip("torch")
 
 
-def read(browser: Browser, sentence: str, target: bool = True) -> dict[str, Any]:
+def read(browser, sentence, target=True):
     return browser.post("/api/sentence", {"sentence": sentence, "target": target}).json()
 
 

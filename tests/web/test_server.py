@@ -1,14 +1,11 @@
 """Security headers, limits, origins, the token, error responses, databases, and the command `lilgym-mp serve`."""
 
-from __future__ import annotations
-
 import signal
 import socket
 import sqlite3
 import subprocess
 import sys
 from contextlib import closing, nullcontext
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -195,7 +192,7 @@ def test_database__of_another_program_or_version_is_refused(tmp_path, change):
         Database(tmp_path / "web.sqlite3")
 
 
-def _serve(*words: str, directory: Path) -> subprocess.Popen[str]:
+def _serve(*words, directory):
     command = [sys.executable, "-m", "lilgym_mp", "serve", *words]
     return subprocess.Popen(command, cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
@@ -227,7 +224,7 @@ def test_command__beyond_loopback_prints_a_link_that_opens_the_pages(tmp_path, c
         running.communicate(timeout=30)
 
 
-def hold_lock(place: Path) -> sqlite3.Connection:
+def hold_lock(place):
     Database(place)
     holder = sqlite3.connect(place, isolation_level=None)
     holder.execute("BEGIN EXCLUSIVE")

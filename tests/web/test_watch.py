@@ -1,15 +1,10 @@
 """/watch: recordings are listed, filtered and replayed step by step; damaged ones are reported."""
 
-from __future__ import annotations
-
 import io
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
-from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -29,9 +24,7 @@ from tests.web.web_app import Browser, server
 API = "/api/watch/recordings"
 
 
-def record(
-    directory: Path, name: str, configuration: str = "TowerFlipIt", *, corpus: str = "builtin", decisions: bool = True
-) -> Path:
+def record(directory, name, configuration="TowerFlipIt", *, corpus="builtin", decisions=True):
     plan = EvaluationPlan(Settings(configuration, corpus=corpus), "dev", record_decisions=decisions)
     seen = training_statements(plan.settings)
     recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=configuration.startswith("Tower"))
@@ -39,31 +32,31 @@ def record(
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> Path:
+def runs(tmp_path_factory):
     """Recordings of two policies on the same tasks, of another configuration, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 10))
     record(place / "tower", "random-legal", corpus=thin)
     record(place / "tower", "expert", corpus=thin)
     record(place / "scatter", "random-legal", "ScatterFlipIt", corpus=thin)
-    record(place / "old", "random-legal", "TowerScratch", decisions=False)
+    record(place / "old", "random-legal", "TowerScratch", corpus=thin, decisions=False)
     return place
 
 
 @pytest.fixture
-def browser(tmp_path, runs) -> Iterator[Browser]:
+def browser(tmp_path, runs):
     with server(tmp_path, runs=runs) as app:
         yield Browser(app)
 
 
-def found(browser: Browser, name: str) -> dict[str, Any]:
+def found(browser, name):
     """The recording whose name contains the text."""
     lines = browser.get(API).json()["recordings"]
     (line,) = [line for line in lines if name in line["name"]]
     return browser.get(f"{API}/{line['id']}").json()
 
 
-def episode(browser: Browser, name: str, index: int = 0) -> dict[str, Any]:
+def episode(browser, name, index=0):
     return browser.get(f"{API}/{found(browser, name)['id']}/episodes/{index}").json()
 
 
@@ -186,7 +179,7 @@ def test_episode__beyond_the_last_is_not_found(browser):
     assert "this recording has episodes 0 to" in response.json()["message"]
 
 
-def damaged(runs: Path, target: Path, how: str) -> None:
+def damaged(runs, target, how):
     """Writes a damaged copy of a recording."""
     source = next((runs / "old").glob("*.gz"))
     target.parent.mkdir()
@@ -243,7 +236,7 @@ def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path
     assert ("imitation-scatter", "ScatterScratch") in offered
 
 
-def test_film__of_an_episode_is_a_gif_with_a_frame_for_each_action(browser: Browser):
+def test_film__of_an_episode_is_a_gif_with_a_frame_for_each_action(browser):
     found_id = found(browser, "expert")["id"]
     answer = browser.get(f"{API}/{found_id}/episodes/0/film")
     assert answer.headers["content-type"] == "image/gif"

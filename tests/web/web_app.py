@@ -1,12 +1,7 @@
 """The web application in this process, and test clients that behave like browsers."""
 
-from __future__ import annotations
-
 import warnings
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,20 +20,20 @@ from lilgym_mp.contrib.web.app import ServeOptions, create_app
 class Browser:
     """A test client with its own cookies."""
 
-    def __init__(self, app: Any, **headers: str) -> None:
+    def __init__(self, app, **headers):
         self.app = app
         self.client = TestClient(app, raise_server_exceptions=False, headers=headers)
         self.client.portal = app.state.portal
 
-    def get(self, path: str, **options: Any) -> Any:
+    def get(self, path, **options):
         return self.client.get(path, **options)
 
-    def post(self, path: str, body: Any = None, **options: Any) -> Any:
+    def post(self, path, body=None, **options):
         return self.client.post(path, json=body, **options)
 
 
 @contextmanager
-def server(directory: Path, **options: Any) -> Iterator[Any]:
+def server(directory, **options):
     """The application, with a database in the directory."""
     app = create_app(ServeOptions(**{"database": directory / "web.sqlite3", **options}))
     with start_blocking_portal() as app.state.portal:  # one event loop, where clients would start one per request

@@ -1,11 +1,9 @@
 """Public names of environments, wrappers and the SB3 adapter can be sent to other processes."""
 
-import subprocess
-import sys
-
 import pytest
 
 from lilgym_mp import wrappers
+from tests.command_line import python
 
 # A script that sends every public object to a spawned process by cloudpickle, inside a function of `__main__`.
 SCRIPT = """
@@ -62,7 +60,7 @@ def test_public_names__are_sent_to_spawned_processes_by_cloudpickle(tmp_path):
         pytest.importorskip(needed, reason=f"needs the package {needed}")
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = python(script, cwd=tmp_path)
     assert done.stdout.splitlines() == ["[]", "True True True"], done.stdout + done.stderr
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ ACTIONS = {
 }
 
 
-def game(**settings: Any) -> Game:
+def game(**settings):
     return Game(GameSettings.of(settings)).with_tasks(TASKS)
 
 
@@ -70,15 +70,15 @@ class Step(NamedTuple):
 class OneGame:
     """A game of the only task, played with the actions of the agents to move."""
 
-    def __init__(self, game: Game, intent: Intent = Intent.HELPFUL) -> None:
+    def __init__(self, game, intent=Intent.HELPFUL):
         self.games = GameArrays(game.revealing_truth(), 1)
         self.games.start(np.zeros(1, int), np.zeros(1, int), np.array([intent]))
 
     @property
-    def movers(self) -> tuple[Role, ...]:
+    def movers(self):
         return self.games.movers_of(0)
 
-    def step(self, *actions: int) -> Step:
+    def step(self, *actions):
         """Plays a turn; for an agent out of turn, 0."""
         games, movers, given = self.games, self.movers, iter(actions)
         games.step(*(np.array([next(given) if role in movers else 0]) for role in Role))
@@ -91,12 +91,12 @@ class OneGame:
         )
 
 
-def final_step(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> Step:
+def final_step(game, *actions, intent=Intent.HELPFUL):
     """The last step of a game with these actions; pairs in the simultaneous protocol."""
     return all_steps(game, *actions, intent=intent)[-1]
 
 
-def all_steps(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[Step]:
+def all_steps(game, *actions, intent=Intent.HELPFUL):
     """All steps of a game with these actions."""
     played = OneGame(game, intent)
     return [played.step(*action) if isinstance(action, tuple) else played.step(action) for action in actions]

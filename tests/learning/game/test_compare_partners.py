@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,9 +14,9 @@ def test_messages__are_silenced_or_permuted_and_answers_stay():
     assert script.Messages(verifier, 4, silent=False).batch(turn).tolist() == [0, 2, 3, 4, 1, 5, 7, 8, 9, 6]
 
 
-def test_rates__are_means_of_runs_and_success_has_an_interval():
+def test_rates__are_means_of_runs_and_success_has_an_interval(own):
     script = load_script("compare_partners")
-    env = BaseGameEnv(**vars(GameSettings("TowerFlipIt", protocol="audit", split="dev")))
+    env = BaseGameEnv(**vars(GameSettings("TowerFlipIt", corpus=own, protocol="audit", split="dev")))
     runs = [
         [game for proposer in ("helpful", "deceptive") for game in play_games(env, SCRIPTED[proposer], SCRIPTED[judge])]
         for judge in ("oracle", "always_accept", "always_reject")

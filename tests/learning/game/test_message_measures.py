@@ -5,8 +5,6 @@ import pytest
 
 from tests.scripts import load_script
 
-Listening = load_script("measure_messages").Listening
-
 
 @pytest.mark.parametrize(
     ("counts", "information"),
@@ -18,6 +16,6 @@ Listening = load_script("measure_messages").Listening
     ],
 )
 def test_information__is_what_messages_tell_of_proposals_and_their_entropy(counts, information):
-    heard = Listening(None, *np.shape(counts))
+    heard = load_script("measure_messages").Listening(None, *np.shape(counts))
     heard.counts += counts
     assert heard.information == pytest.approx(information)

@@ -1,7 +1,5 @@
 """Rollouts of the game: own turns, advantages, claims and situations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ from lilgym_mp.learning.game.situations import (
 GAMMA, LAMBDA = 0.9, 0.8
 
 
-def game(acted: list[int], values: list[float], rewards: list[float], ended: list[int]) -> Rollout:
+def game(acted, values, rewards, ended):
     """A rollout of one game with the proposer's turns."""
     found = Rollout(Game(GameSettings()), (), len(acted), 1)
     found.acted[0, :, 0], found.values[0, :, 0], found.rewards[0, :, 0] = acted, values, rewards

@@ -1,14 +1,11 @@
 """Runs that learn the game: learning, saving, resuming, partners and invalid input."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -26,7 +23,7 @@ from lilgym_mp.envs.proposer_verifier import (
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.run_directory import TrainingRunError
-from lilgym_mp.learning.game.agent import GameAgent, load_agent
+from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import RolloutPlayer
@@ -46,9 +43,7 @@ INDEPENDENT = replace(SMALL, algorithm="independent")
 JOINT = GameSettings(protocol="joint")
 
 
-def trained(
-    path: Path, steps: int = 128, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
-) -> GameAgent:
+def trained(path, steps=128, recipe=SMALL, settings=JOINT, **options):
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
 
 

@@ -1,11 +1,8 @@
 """Agents of the game that see what their views show, and messages between them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +22,6 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn
 from lilgym_mp.envs.proposer_verifier.rewards import TERMS
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.game.agent import GameAgent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
@@ -40,13 +36,13 @@ GUIDED = GameSettings(protocol="critique", views="guide")
 EYES_SHUT = View(statement="none", target=False)
 
 
-def trained(path: Path, settings: GameSettings, recipe: GameRecipe = INDEPENDENT, **options: Any) -> GameAgent:
+def trained(path, settings, recipe=INDEPENDENT, **options):
     train_game(settings, recipe, path, steps=128, device="cpu", **options)
     agent = open_agent(path, "cpu")
     return agent
 
 
-def first_turns(settings: GameSettings, role: Role, count: int = 40) -> BatchTurn:
+def first_turns(settings, role, count=40):
     """An agent's turns in games of different tasks, all with an empty scene and no message."""
     games, rows = (
         ObservedGames(Game(replace(settings, views="image", message_size={"proposer_0": 0, "verifier_0": 13})), count),

@@ -1,19 +1,13 @@
 """A corpus of a few statements that a small network learns in seconds."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE, entry
 from tests.json_files import read_json_lines
 
-SMALL: dict[str, Any] = {
+SMALL = {
     "pretraining": 0.0,
     "width": 32,
     "text_layers": 1,
@@ -25,7 +19,7 @@ SMALL: dict[str, Any] = {
     "learning_rate": 5e-3,
 }
 BLACK_CIRCLE = {**CIRCLE, "color": "Black"}
-STATEMENTS: dict[str, list[tuple[str, str]]] = {
+STATEMENTS = {
     "tower": [
         ("Some block is blue.", "exist(filter_color(all_items, Color.BLUE))"),
         ("No block is black.", "not exist(filter_color(all_items, Color.BLACK))"),
@@ -37,14 +31,14 @@ STATEMENTS: dict[str, list[tuple[str, str]]] = {
         ("There is no triangle.", "not exist(filter_shape(all_items, Shape.TRIANGLE))"),
     ],
 }
-SCENES: dict[str, dict[str, Any]] = {
+SCENES = {
     "tower": {"0": [[BLUE_BLOCK], [], []], "1": [[BLACK_BLOCK], [], []], "2": [[BLUE_BLOCK], [BLACK_BLOCK], []]},
     "scatter": {"0": [[CIRCLE], [], []], "1": [[], [BLACK_CIRCLE], []]},
 }
 
 
 @pytest.fixture(scope="session")
-def statements(tmp_path_factory) -> str:
+def statements(tmp_path_factory):
     """The path of a corpus with three statements per appearance, the same in train and dev."""
     path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
     entries = [
@@ -57,9 +51,9 @@ def statements(tmp_path_factory) -> str:
     return str(path)
 
 
-def small_recipe(settings: Settings, **changes: Any) -> ImitationRecipe:
+def small_recipe(settings, **changes):
     return ImitationRecipe.of(settings.configuration, **{**SMALL, **changes})
 
 
-def progress_lines(out: Path) -> list[dict[str, Any]]:
+def progress_lines(out):
     return read_json_lines(out / "progress.jsonl")

@@ -1,7 +1,5 @@
 """Data collection and batches: labels, and colours permuted consistently in words, scenes and actions."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 
@@ -13,17 +11,16 @@ from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks
+from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Box, Colour, Scene
+from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.scene.appearances import Tower
 from lilgym_mp.solver import Solver
 
 
-def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
+def collected(corpus):
     table = BoxFeatureTable()
     entries = entries_from_tasks(load_tasks(corpus, "tower", "flipit", "train"))
     collector = DataCollector(make_dynamics(Tower()), table, np.random.default_rng(0))
@@ -80,12 +77,12 @@ def test_batch__labels_hold_after_recolouring(statements):
     assert changed
 
 
-def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
+def shown(inputs, row, places):
     """The Tower scene encoded in the inputs."""
     from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 
     tables = tower_tables()
-    boxes: list[Box] = []
+    boxes = []
     for place in places:
         held = inputs.by_box[row, place]
         every = inputs.colours.flatten()

@@ -1,7 +1,5 @@
 """Log-probabilities of actions and action sets, compared with enumeration."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -13,7 +11,7 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 from lilgym_mp.scene.appearances import Scatter, Tower
 
 
-def random_outputs(appearance: Tower | Scatter) -> Outputs:
+def random_outputs(appearance):
     heads = action_heads(appearance)
     made = torch.Generator().manual_seed(0)
     sizes = ((2,), (2, 2), (2, heads.add_count), (2, heads.remove_count), (2, MAX_STEPS))

@@ -1,7 +1,5 @@
 """Invariances of the network, and equality of its evaluation scene by scene and at once."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -20,7 +18,7 @@ from lilgym_mp.scene.appearances import Scatter, Tower
 STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
 
 
-def policy_of(appearance: Tower | Scatter) -> tuple[NetworkPolicy, DataCollector]:
+def policy_of(appearance):
     table = BoxFeatureTable()
     torch.manual_seed(0)
     vocabulary = Vocabulary.from_statements(STATEMENTS)

@@ -1,9 +1,6 @@
 """Pretraining: writing programs, and legal edits."""
 
-from __future__ import annotations
-
 from itertools import islice
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,7 @@ from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_g
 from lilgym_mp.scene.appearances import make_appearance
 
 
-def text_pretraining(**changes: Any) -> tuple[ImitationNetwork, TextPretraining]:
+def text_pretraining(**changes):
     """A small network, and its pretraining on some statements."""
     entries = entries_from_tasks(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
     tokenizer = StatementTokenizer(vocabulary_of(entry.statement for entry in entries))

@@ -1,7 +1,5 @@
 """The shipped imitation agents."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lilgym_mp import load_agent

@@ -1,9 +1,6 @@
 """Expert iteration: a network taught by a reward model's search, from rewards and the rules of editing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +21,7 @@ from tests.learning.imitation.conftest import small_recipe
 from tests.learning.reward_model import conftest as reward_model
 
 
-def teacher_of(updates: int, statements: str, out: Path, name: str = "TowerFlipIt") -> Path:
+def teacher_of(updates, statements, out, name="TowerFlipIt"):
     settings = Settings(name, corpus=statements)
     train_reward_model(settings, reward_model.small_recipe(settings), out, updates=updates)
     return out

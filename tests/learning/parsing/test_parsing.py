@@ -1,7 +1,5 @@
 """The parser and its agent: normalisation, decoding, training, planning and invalid input."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import random
@@ -58,7 +56,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
-from tests.corpora import entry, write_own_corpus, write_thin_corpus
+from tests.corpora import entry, write_own_corpus
 from tests.learning.conftest import accuracy, equal
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
@@ -66,17 +64,11 @@ SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generat
 
 
 @pytest.fixture(scope="module")
-def thin(tmp_path_factory) -> str:
-    """The path of a part of the builtin corpus."""
-    return str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 5))
-
-
-@pytest.fixture(scope="module")
-def trained(thin, tmp_path_factory) -> Path:
+def trained(own, tmp_path_factory):
     """A run of very few training steps."""
     torch.set_num_threads(1)
     place = tmp_path_factory.mktemp("parser") / "run"
-    train_parser(thin, SMALL, place, device="cpu")
+    train_parser(own, SMALL, place, device="cpu")
     return place
 
 
@@ -123,7 +115,7 @@ def test_variations__keep_pairs_whose_words_and_program_differ(pair):
     assert {varied(pair, 1.0, 1.0, rng) for _ in range(50)} == {pair}
 
 
-def small_network(seed: int = 0) -> ParserNetwork:
+def small_network(seed=0):
     torch.manual_seed(seed)
     return ParserNetwork(12, len(TOKENS), Sizes(width=16, hidden=32, layers=1, longest_program=10)).eval()
 
@@ -198,18 +190,18 @@ def test_training__is_reproducible_by_seed(own, tmp_path):
 
 
 @pytest.mark.long
-def test_calibration__is_of_the_probabilities_of_the_agent(thin, tmp_path, monkeypatch):
+def test_calibration__is_of_the_probabilities_of_the_agent(own, tmp_path, monkeypatch):
     calibrated = []
     monkeypatch.setattr(training, "calibrated_temperature", lambda predictions: 0.25)
     monkeypatch.setattr(training, "forecasts", lambda parser, *rest: calibrated.append(parser) or [(0.5, True)] * 9)
-    agent = train_parser(thin, SMALL, tmp_path, device="cpu")
-    for example in training.corpus_examples(thin)[:20]:
+    agent = train_parser(own, SMALL, tmp_path, device="cpu")
+    for example in training.corpus_examples(own):
         found = (one.parse(example.statement, "tower").candidates for one in (calibrated[0], agent.parser))
         assert next(found) == next(found)
 
 
 def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
-    recipe = dataclasses.replace(SMALL, updates=40)
+    recipe = dataclasses.replace(SMALL, updates=16)
     steps = []
 
     def interrupt(progress):
@@ -225,7 +217,7 @@ def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
     train_parser(
         own, recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
     )
-    assert (steps[0], steps[-1]) == (11, 40)
+    assert (steps[0], steps[-1]) == (11, 16)
     assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
 
 
@@ -246,11 +238,11 @@ def test_training__drops_generated_statements_that_are_held_out(monkeypatch):
 class Oracle(Parser):
     """A parser with fixed candidates."""
 
-    def __init__(self, *candidates: tuple[str, float]) -> None:
+    def __init__(self, *candidates):
         super().__init__(small_network(), SymbolTable((*COLOURS, UNKNOWN)))
         self.candidates = tuple(ProgramCandidate(program, probability) for program, probability in candidates)
 
-    def parse(self, statement: str, appearance: str) -> Parse:
+    def parse(self, statement, appearance):
         return Parse(("<tower>", "yellow"), (), {}, self.candidates)
 
 
@@ -259,12 +251,12 @@ BLACK = "exist(filter_obj(all_items, lambda x: is_black(x)))"
 EMPTY = "not exist(all_items)"
 
 
-def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch") -> ProgramPlanner:
+def planner(*candidates, configuration="TowerScratch"):
     settings = Settings(configuration)
     return ProgramPlanner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit")
 
 
-def empty_tower() -> Scene:
+def empty_tower():
     return Settings("TowerScratch").dynamics().appearance.check_scene(Scene.empty())
 
 
@@ -308,7 +300,7 @@ def test_planner__stops_without_candidates_or_remaining_steps():
     assert len(last.actions) == 1
 
 
-def observed(image: np.ndarray, statement: str, step: int = 0) -> Observations:
+def observed(image, statement, step=0):
     return Observations(image[None], (statement,), *(np.array([number]) for number in (1, step, 0)))
 
 

@@ -1,23 +1,19 @@
 """Factored policies, compared with brute-force enumeration of all actions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from lilgym_mp.learning.common.factored_policy import (
     CHUNK,
     FactoredPolicy,
-    Factorisation,
     joint_factorisation,
     log_prob_and_entropy,
     slot_factorisation,
 )
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
 from lilgym_mp.scene.actions import ActionType
-from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
+from lilgym_mp.scene.appearances import Scatter, Tower
 
 STATES = 3
 MAKERS = [slot_factorisation, joint_factorisation]
@@ -29,7 +25,7 @@ EACH = pytest.mark.parametrize(
 )
 
 
-def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Tensor]]:
+def logits(factorisation, seed=0):
     generator = torch.Generator().manual_seed(seed)
     sizes = [len(ActionType), *(head.size for head in factorisation.heads)]
     types, *heads = (
@@ -38,26 +34,26 @@ def logits(factorisation: Factorisation, seed: int = 0) -> tuple[Tensor, list[Te
     return types, heads
 
 
-def entropies_of(policy: FactoredPolicy) -> Tensor:
+def entropies_of(policy):
     return policy.evaluate_actions(torch.zeros(STATES, dtype=torch.int64))[1]
 
 
-def gradients(values: Tensor, *parameters: Tensor) -> tuple[Tensor, ...]:
+def gradients(values, *parameters):
     """Of a weighted sum of the states' values."""
     weights = torch.linspace(-2, 1, len(values), dtype=torch.float64)
     total = (values * weights).sum()
     return torch.autograd.grad(total, parameters, retain_graph=True, allow_unused=True, materialize_grads=True)
 
 
-def kinds_of(appearance: Appearance) -> np.ndarray:
+def kinds_of(appearance):
     """The type of each action."""
     return np.array([appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)])
 
 
-def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
+def by_slot(appearance, types, heads):
     """(states, actions) probabilities of slot heads, computed action by action from the released arrays."""
     kinds, arguments = types.softmax(1), [head.softmax(1) for head in heads]
-    columns: list[Tensor] = []
+    columns = []
     for index in range(appearance.action_count):
         kind, *slots = appearance.to_array(appearance.decode(index))
         product = kinds[:, kind]
@@ -67,7 +63,7 @@ def by_slot(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tenso
     return torch.stack(columns, 1)
 
 
-def by_edit(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tensor:
+def by_edit(appearance, types, heads):
     """The same for joint heads; edits are ordered by box, cell row, cell column and item type."""
     kinds, (adds, removes) = types.softmax(1), (head.softmax(1) for head in heads)
     columns = [kinds[:, 0] * 0] * appearance.action_count
@@ -84,7 +80,7 @@ def by_edit(appearance: Appearance, types: Tensor, heads: list[Tensor]) -> Tenso
     return torch.stack(columns, 1)
 
 
-def place(appearance: Appearance, array: list[int]) -> tuple[int, ...]:
+def place(appearance, array):
     """The sort key of an edit; empty on a separator."""
     if appearance.name == "tower":
         return tuple(array[1:])

@@ -1,12 +1,9 @@
 """PPO's models: deduplicated states, caches, pretrained weights and unusable directories."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import WeightsError
-from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.pretrained import C3, C10, ConvolutionsAndBert, scene_images
@@ -28,7 +25,7 @@ from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 STATEMENTS = ("There is a blue block.", "All of it is black.", "Two towers.")
 
 
-def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]:
+def seen(name="TowerFlipIt", count=6):
     """States of start scenes and their images."""
     env = Settings(name).make_batch("train", count)
     observations, _ = env.reset(seed=0)
@@ -51,7 +48,7 @@ def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name):
 
 
 @pytest.fixture
-def ours() -> BoxTransformer:
+def ours():
     torch.manual_seed(0)
     return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
@@ -71,12 +68,12 @@ def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours):
     assert not torch.allclose(remembered.values, ours(states).values, atol=1e-3)
 
 
-def _with_gradients(model: BoxTransformer, states: States) -> torch.Tensor:
+def _with_gradients(model, states):
     with torch.enable_grad():
         return model(states).values.detach()
 
 
-def flat(found: Any) -> list[torch.Tensor]:
+def flat(found):
     return [found.types, found.values, *found.heads]
 
 
@@ -154,7 +151,7 @@ VOCABULARY = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "there", "is", "a", "blue", "b
 TINY = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
 
 
-def write_tokenizer(place: Path) -> None:
+def write_tokenizer(place):
     from tokenizers import Tokenizer, models, normalizers, pre_tokenizers, processors
     from transformers import PreTrainedTokenizerFast
 
@@ -168,7 +165,7 @@ def write_tokenizer(place: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory) -> dict[str, Path]:
+def tiny(tmp_path_factory):
     """Weight directories of tiny random networks, by architecture."""
     transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
     torch.manual_seed(0)
@@ -196,7 +193,7 @@ def tiny(tmp_path_factory) -> dict[str, Path]:
     return places
 
 
-SHORT: dict[str, Any] = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
+SHORT = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
 SHORT |= {"held_out": 0.0, "patience": 0}
 
 

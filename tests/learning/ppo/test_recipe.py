@@ -1,7 +1,5 @@
 """Recipes: named ones and invalid values."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest

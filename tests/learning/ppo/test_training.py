@@ -1,17 +1,13 @@
 """PPO runs: training, saving, resuming, validation, tasks and invalid input."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from statistics import fmean
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -44,12 +40,12 @@ SMALL = PPORecipe(
 NLVR = replace(SMALL, nlvr_reward=True)
 
 
-def trained(path: Path, steps: int = 64, recipe: PPORecipe = SMALL, settings: Settings = TOWER, **options: Any) -> Any:
+def trained(path, steps=64, recipe=SMALL, settings=TOWER, **options):
     return train_ppo(settings, recipe, path, steps=steps, device="cpu", **options)
 
 
 @pytest.fixture(scope="module")
-def begun_run(tmp_path_factory) -> Path:
+def begun_run(tmp_path_factory):
     """A run of 32 steps; read-only."""
     place = tmp_path_factory.mktemp("begun") / "run"
     trained(place, 32)
@@ -57,7 +53,7 @@ def begun_run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def begun(begun_run, tmp_path) -> Path:
+def begun(begun_run, tmp_path):
     """A copy of that run."""
     return shutil.copytree(begun_run, tmp_path / "run")
 
@@ -65,7 +61,7 @@ def begun(begun_run, tmp_path) -> Path:
 # Learning
 
 
-def accuracy(path: Path, corpus: str) -> float:
+def accuracy(path, corpus):
     """Accuracy on a corpus after 5,120 steps on it."""
     recipe = replace(
         SMALL, envs=32, rollout=256, batch_size=128, epochs=2, learning_rate=2e-3, stop_forcing=True, entropy=0.05

@@ -23,7 +23,7 @@ GAMMA, LAMBDA = 0.9, 0.8
 STEP_COST = -0.1
 
 
-def advantages(rewards: list[float], values: list[float], *, ended: bool, after: float = 0.0) -> list[float]:
+def advantages(rewards, values, *, ended, after=0.0):
     """Advantages of consecutive steps; `after`: the bootstrap value if the episode continues."""
     ends = [False] * (len(rewards) - 1) + [ended]
     arrays = (np.array(column, np.float32)[:, None] for column in (rewards, values))
@@ -61,11 +61,11 @@ class FixedPolicy(NamedTuple):
     log_probabilities: torch.Tensor
     entropies: torch.Tensor
 
-    def evaluate_actions(self, actions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def evaluate_actions(self, actions):
         return self.log_probabilities, self.entropies
 
 
-def loss_of(ratio: float, advantage: float, *, capped: bool, cap: float = 3.0) -> tuple[float, float]:
+def loss_of(ratio, advantage, *, capped, cap=3.0):
     """The loss and its derivative by the log-probability."""
     log_ratio = torch.tensor([math.log(ratio)], dtype=torch.float64, requires_grad=True)
     loss = policy_loss(

@@ -1,16 +1,11 @@
 """The corpus of a few statements that the tests of imitation use, and a recipe that learns it in seconds."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from tests.learning.imitation.conftest import statements
 
 __all__ = ["small_recipe", "statements"]
 
-SMALL: dict[str, Any] = {
+SMALL = {
     "width": 32,
     "dropout": 0.0,
     "statements": 3,
@@ -26,5 +21,5 @@ SMALL: dict[str, Any] = {
 }
 
 
-def small_recipe(settings: Settings, **changes: Any) -> RewardModelRecipe:
+def small_recipe(settings, **changes):
     return RewardModelRecipe.of(settings.configuration, **{**SMALL, **changes})

@@ -1,7 +1,5 @@
 """The script that audits reward models."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.scripts import load_script
@@ -9,7 +7,7 @@ from tests.scripts import load_script
 audit_script = load_script("audit_reward_model")
 
 
-def rows_of(text: str) -> list[list[str]]:
+def rows_of(text):
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line]
 
 

@@ -1,11 +1,9 @@
 """Features, exchanges, and plans of the search."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
@@ -13,7 +11,6 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Outcome, State, make_dynamics
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
-    Exchange,
     InputReader,
     exchanges,
     standard_exchanges,
@@ -29,7 +26,7 @@ STATEMENT = "there is a black block on the left"
 VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))
 
 
-def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> SearchPlanner:
+def new_planner(appearance, *, seed=0, is_flipit=True):
     table = BoxTable(appearance)
     torch.manual_seed(seed)
     counts = 4 if appearance == "scatter" else 0
@@ -41,6 +38,7 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Se
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
+@settings(max_examples=20)
 @given(data=st.data())
 def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance, data):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
@@ -75,8 +73,8 @@ def test_distances_of_boxes__are_those_of_single_edits():
         assert {*np.flatnonzero(distances[box] == 1).tolist()} == {*successors[successors >= 0].tolist()}
 
 
-def exchanged_scene(exchange: Exchange, scene: Scene) -> Scene:
-    def exchanged(item: Item) -> Item:
+def exchanged_scene(exchange, scene):
+    def exchanged(item):
         x = BOX_SIDE - item.x - item.side if exchange.mirrored else item.x
         return Item(x, item.y, Shape(exchange.shapes[item.shape]), Colour(exchange.colours[item.colour]), item.size)
 

@@ -1,7 +1,5 @@
 """Runs of the reward model: what is learnt from, counting, resuming, files."""
 
-from __future__ import annotations
-
 import ast
 import signal
 from dataclasses import replace
@@ -17,7 +15,6 @@ from lilgym_mp.learning.common.labelled_scenes import Collector, LabelledStateme
 from lilgym_mp.learning.common.model_file import ModelFileError, save_model
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError
 from lilgym_mp.learning.reward_model import training
-from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.scene import Scene
@@ -27,9 +24,7 @@ from tests.learning.reward_model.conftest import small_recipe
 UPDATES = 110
 
 
-def train(
-    statements: str, name: str, out: Path, updates: int = UPDATES, **changes: object
-) -> tuple[RewardModelAgent, Settings]:
+def train(statements, name, out, updates=UPDATES, **changes):
     settings = Settings(name, corpus=statements)
     return train_reward_model(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
@@ -41,7 +36,7 @@ def test_training__solves_three_statements_in_seconds(statements, tmp_path, name
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
 
 
-def labelled_entry(settings: Settings, stops: int = 60) -> tuple[LabelledStatement, Collector]:
+def labelled_entry(settings, stops=60):
     entry = entries_of([settings.make("train").tasks])[0]
     collector = Collector(settings.dynamics(), BoxTable(settings.appearance), np.random.default_rng(1))
     collector.explore(entry, stops)
@@ -53,7 +48,7 @@ def test_training__reads_truths_only_from_counted_stops(statements, tmp_path, na
     settings = Settings(name, corpus=statements)
     settings.make("train")
     with counted_stops() as stops:
-        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=12)
+        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=6)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
 
@@ -102,7 +97,7 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements):
 
 def test_equal_arguments__train_equal_agents(statements, tmp_path):
     for name in ("one", "other"):
-        train(statements, "ScatterFlipIt", tmp_path / name, 5, reuse=1, searching=1.0)
+        train(statements, "ScatterFlipIt", tmp_path / name, 3, reuse=1, searching=1.0)
     assert equal(tmp_path / "one", tmp_path / "other")
 
 

@@ -1,7 +1,5 @@
 """The reward model as a verifier."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import pytest
@@ -10,17 +8,16 @@ from lilgym_mp.envs.proposer_verifier import measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.partners import ClaimingProposer
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.rules import State
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 
 
 class SureModel:
     """Stands in for an agent: gives what it is told to where the claim holds, and the opposite elsewhere."""
 
-    def __init__(self, probability: float) -> None:
+    def __init__(self, probability):
         self._probability = probability
 
-    def success_probability(self, state: State) -> float:
+    def success_probability(self, state):
         return self._probability if state.task.solved_by(state.scene) else 1 - self._probability
 
 
