@@ -602,11 +602,6 @@ def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(br
         assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
 
 
-def _corpus_lines(directory):
-    """A thin corpus of both appearances, line by line."""
-    return write_thin_corpus(directory / "thin.jsonl", 40).read_text().splitlines(keepends=True)
-
-
 def _play_out(page):
     """Plays a Tower game to its end: alternates ADD and REMOVE, then STOP, as proposer; cycles answers as verifier."""
     kinds = cycle(("ADD", "REMOVE"))
