@@ -235,7 +235,7 @@ class Programs(NamedTuple):
     rows: Int64Array  # (instructions, 3) operation, a, b; of all programs
     ends: Int64Array  # (programs + 1,) bounds of each program's instructions
     places: Int64Array  # (3, 100, 100) by size, x and y of an item: bitmask of the tests that it passes
-    tables: Int64Array  # (tables, 121) value by stack, or UNKNOWN
+    tables: Int64Array  # (tables, 121) value by stack
 
 
 @kernel
@@ -266,7 +266,6 @@ def evaluate_programs(
         if most > MAX_BOX_ITEMS:
             continue
         first, last = programs.ends[chosen[k]], programs.ends[chosen[k] + 1]
-        is_known = True
         for index in range(last - first):
             row = first + index
             operation, a, b = programs.rows[row, 0], programs.rows[row, 1], programs.rows[row, 2]
@@ -285,12 +284,6 @@ def evaluate_programs(
                     value |= ((programs.places[item_type % SIZE_COUNT, x, y] >> a) & 1) << slot
             elif operation == Operation.BOX_TABLE:
                 value = programs.tables[a, stacks[first_row + b]]
-                is_known &= value != UNKNOWN
-            elif operation == Operation.ONLY_BIT:
-                value = 0
-                is_known &= values[a] != 0 and values[a] & (values[a] - 1) == 0
-                while value < BITS and not (values[a] >> value) & 1:
-                    value += 1
             elif operation == Operation.BIT_COUNT:
                 value, left = 0, values[a]
                 while left > 0:
@@ -302,8 +295,6 @@ def evaluate_programs(
                 value = values[a] | values[b]
             elif operation == Operation.SHIFT_LEFT:
                 value = values[a] << values[b]
-            elif operation == Operation.SHIFT_RIGHT:
-                value = values[a] >> values[b]
             elif operation == Operation.ADD:
                 value = values[a] + values[b]
             elif operation == Operation.SUBTRACT:
@@ -319,7 +310,6 @@ def evaluate_programs(
             else:
                 value = int(values[a] <= values[b])
             values[index] = value
-        if is_known:
-            truths[k] = int(values[last - first - 1] != 0)
-            unknown -= 1
+        truths[k] = int(values[last - first - 1] != 0)
+        unknown -= 1
     return unknown

@@ -7,7 +7,6 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import cache, lru_cache
@@ -123,26 +122,8 @@ def _bits(mask: int) -> list[int]:
     return positions
 
 
-def _only(mask: int) -> int:
-    """The position of the only set bit of a mask. Raises FallbackError unless there is exactly one."""
-    if mask == 0 or mask & (mask - 1):
-        raise FallbackError
-    return mask.bit_length() - 1
-
-
-def _union(rows: Sequence[Mask], mask: Mask) -> Mask:
-    union = 0
-    for position in _bits(mask):
-        union |= rows[position]
-    return union
-
-
 # The only names that generated code can use, besides functions of a box
 NAMES: dict[str, Any] = {
     "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
-    "only": _only,
-    "union": _union,
-    "choose": itertools.combinations,
-    "comb": math.comb,
 }

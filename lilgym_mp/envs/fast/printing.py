@@ -14,10 +14,7 @@ CALLS = {  # operators that are not written between their operands
     "~": "~{}",
     "negative": "-({})",  # 0 or, if true, a mask of all bits
     "bit_count": "({}).bit_count()",
-    "only": "only({})",
     "row": "{}[{}]",
-    "union": "union({}, {})",
-    "comb": "comb({}, {})",
 }
 
 
@@ -72,14 +69,9 @@ class _Printer:
                 return f"len({box}.items)"
             case ir.BoxCall():
                 return self._call(code, in_loop)
-            case ir.ItemField(box=box, item=item, field=field):
-                return f"{box}.items[{inner(item)}][{field}]"
             case ir.Where(index=index, mask=mask, condition=condition):
                 condition = self.text(condition, in_loop=True)
                 return f"sum([1 << {index} for {index} in bits({inner(mask)}) if {condition}])"
-            case ir.TupleCount(loops=loops, condition=condition):
-                fors = (f"for {', '.join(n)}, in choose(bits({inner(mask)}), {len(n)})" for n, mask in loops)
-                return f"sum([1 {' '.join(fors)} if {self.text(condition, in_loop=True)}])"
             case ir.Apply(operator=operator, operands=operands):
                 return _applied(operator, list(map(inner, operands)))
             case _:

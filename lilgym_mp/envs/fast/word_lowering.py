@@ -10,11 +10,12 @@ from enum import Enum
 from functools import partial
 
 from lilgym_mp.envs.fast import box_functions, ir
+from lilgym_mp.programs.values import ATTRIBUTE_TYPES
 from lilgym_mp.programs.words import WORDS, Word
 
 
 def _lower_exist(s: ir.Value) -> ir.Bool:
-    if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet | ir.Combinations):
+    if not isinstance(s, ir.Items | ir.Boxes | ir.AttributeSet):
         ir.unsupported("exist")
     return ir.as_truth(s)
 
@@ -22,140 +23,54 @@ def _lower_exist(s: ir.Value) -> ir.Bool:
 def _lower_count(s: ir.Value) -> ir.Int:
     match s:
         case ir.Items():
-            return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
+            return ir.Int(ir.operate("+", *(part.count for part in s.parts)))
+        case ir.Boxes():
+            return ir.Int(ir.operate("+", ir.Number(0), *s.conditions))
         case ir.AttributeSet():
-            return ir.Int(ir.operate("bit_count", s.code), s.total)
-        case ir.Combinations():
-            return ir.Int(s.count, s.total)
-        case ir.StaticList():
-            present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
-            for index, (element, condition) in enumerate(zip(ir.settled(s).elements, s.conditions, strict=True)):
-                if isinstance(element, ir.AttributeValue):
-                    ir.unsupported("count of attributes")
-                present.setdefault(element if isinstance(element, ir.BoxRef) else index, []).append(condition.code)
-            distinct = (ir.operate("|", *codes) for codes in present.values())
-            return ir.Int(ir.operate("+", ir.Number(0), *distinct), s.total)
+            return ir.Int(ir.operate("bit_count", s.code))
         case _:
             ir.unsupported("count")
-
-
-def _lower_len(s: ir.Value) -> ir.Int:
-    if not isinstance(s, ir.StaticList):
-        return _lower_count(s)
-    return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in ir.settled(s).conditions)), s.total)
-
-
-def _lower_unique(s: ir.Value) -> ir.ItemRef:
-    if not isinstance(s, ir.Items) or len(s.parts) != 1:
-        ir.unsupported("unique")
-    return ir.ItemRef(ir.operate("only", s.parts[0].mask), total=False, box=s.parts[0].box)
-
-
-def _lower_set(s: ir.Value) -> ir.Items | ir.AttributeSet:
-    match s:
-        case ir.Items():
-            return ir.Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
-        case ir.AttributeSet():
-            return s
-        case ir.StaticList() if s.unconditional:
-            return ir.attribute_set(s.elements)
-        case _:
-            ir.unsupported("set")
-
-
-def _lower_set_operation(sign: str, a: ir.Value, b: ir.Value) -> ir.Value:
-    a = _lower_set(a)
-    b = _lower_set(b)
-    if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
-        return ir.AttributeSet(ir.operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
-    if isinstance(a, ir.Items) and isinstance(b, ir.Items):
-        pairs = ir.paired_by_box(a, b)
-        parts = (ir.BoxItems(x.box, ir.operate(sign, x.mask, y.mask), ir.all_total((x, y))) for x, y in pairs)
-        return ir.Items(tuple(parts), ordered=False)
-    ir.unsupported("set operation")
-
-
-def _lower_contained(a: ir.Value, b: ir.Value) -> ir.Bool:
-    a = _lower_set(a)
-    b = _lower_set(b)
-    if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
-        outside = ir.operate("&", a.code, ir.operate("~", b.code))
-        return ir.Bool(ir.operate("==", outside, ir.Number(0)), ir.all_total((a, b)))
-    ir.unsupported("contained")
-
-
-def _lower_equal_set(a: ir.Value, b: ir.Value) -> ir.Bool:
-    return ir.equality(_lower_set(a), _lower_set(b))
 
 
 # Words with one variant per attribute
 
 
-def _lower_query(attribute: str, x: ir.Value) -> ir.StaticList:
-    if not isinstance(x, ir.ItemRef):
-        ir.unsupported("query")
-    return ir.static_list([ir.attribute_of(x, attribute)])
-
-
 def _lower_values(attribute: str, s: ir.Value) -> ir.AttributeSet:
     if not isinstance(s, ir.Items):
         ir.unsupported("values")
-    enum = ir.ATTRIBUTE_TYPES[attribute]
     bits = [
-        ir.operate("<<", ir.narrow(part, ir.ItemMask(_value_mask(value, part.box))).nonempty, ir.Number(value.value))
+        ir.operate("<<", ir.narrow(part, _value_mask(value, part.box)).nonempty, ir.Number(value.value))
         for part in s.parts
-        for value in enum
+        for value in ATTRIBUTE_TYPES[attribute]
     ]
-    return ir.AttributeSet(ir.operate("|", *bits), s.total, enum=enum)
+    return ir.AttributeSet(ir.operate("|", *bits))
 
 
 def _lower_filter(attribute: str, s: ir.Value, value: ir.Value) -> ir.Items:
-    enum = ir.ATTRIBUTE_TYPES[attribute]
-    if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
+    if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue):
         ir.unsupported("filter")
-    if not isinstance(value.code, ir.Number):
-        ir.unsupported("filter by a variable")
-    wanted = enum(value.code.value)
-    parts = (ir.narrow(part, ir.ItemMask(_value_mask(wanted, part.box))) for part in s.parts)
-    return ir.Items(tuple(parts), ordered=True)
+    if not isinstance(value.value, ATTRIBUTE_TYPES[attribute]):
+        ir.unsupported("filter by another attribute")
+    return ir.Items(tuple(ir.narrow(part, _value_mask(value.value, part.box)) for part in s.parts))
 
 
-def _value_mask(value: Enum, box: str) -> ir.Code:
+def _value_mask(value: Enum, box: str) -> ir.ItemMask:
     """The mask of the test for a colour, shape or size, such as `is_yellow`."""
     test = WORDS[f"is_{value.name.lower()}"]
-    return ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ()))
+    return ir.ItemMask(ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ())))
 
 
 def _lower_all_same(attribute: str, s: ir.Value) -> ir.Bool:
-    found = _lower_values(attribute, s)
-    return ir.Bool(ir.operate("==", ir.operate("bit_count", found.code), ir.Number(1)), found.total)
-
-
-def _lower_equal_attribute(attribute: str, a: ir.Value, b: ir.Value) -> ir.Bool:
-    enum = ir.ATTRIBUTE_TYPES[attribute]
-    for value in (a, b):
-        for part in value.elements if isinstance(value, ir.StaticList) else (value,):
-            if not isinstance(part, ir.Attribute) or part.enum is not enum:
-                ir.unsupported("equality of attributes")
-    return ir.equality(a, b)
+    return ir.Bool(ir.operate("==", _lower_count(_lower_values(attribute, s)).code, ir.Number(1)))
 
 
 _LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
     "exist": _lower_exist,
     "count": _lower_count,
-    "len": _lower_len,
-    "unique": _lower_unique,
-    "set": _lower_set,
-    "union": partial(_lower_set_operation, "|"),
-    "intersect": partial(_lower_set_operation, "&"),
-    "contained": _lower_contained,
-    "equal_set": _lower_equal_set,
-    "member_of": ir.membership,
-    "query_{}": _lower_query,
+    "len": _lower_count,
     "get_set_{}s": _lower_values,
     "filter_{}": _lower_filter,
     "all_same_{}": _lower_all_same,
-    "equal_{}": _lower_equal_attribute,
 }
 
 
