@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from lilgym_mp.scene.actions import STOP, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
@@ -24,7 +24,7 @@ class MaskInfo(Transformation):
 
     adds_infos = True
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
         return {MASK: state.action_masks().view(np.int8)}
 
 
@@ -82,7 +82,7 @@ class Forcing(Transformation):
             legal[success, self.env_description.stop_index] = True
         return legal
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
         return {MASK: self.action_masks(state).astype(np.int8)} if MASK in info else {}
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:

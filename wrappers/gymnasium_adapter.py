@@ -19,7 +19,7 @@ from lilgym_mp.envs.batched import batched
 from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.masks import action_masks, layers
 from lilgym_mp.envs.rules import State
-from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Int16Array, Int64Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
     EnvDescription,
@@ -69,11 +69,11 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         self.action_space = self.transformation.action_space()
         self._state = SingleEnvState(description, env)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: AnyDict | None = None) -> tuple[Any, AnyDict]:
         observation, info = self.env.reset(seed=seed, options=options)
         return self._transformed(observation), self._extended_info(info, {})
 
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, AnyDict]:
         entries: Mapping[str, Batch] = {}
         transformation, states = self.transformation, self._state.states
         if transformation.changes_actions:
@@ -101,7 +101,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         batch = self.transformation.observations(stacked([observation]), self._state)
         return unstacked(self.observation_space, batch)[0]
 
-    def _extended_info(self, info: dict[str, Any], entries: Mapping[str, Batch]) -> dict[str, Any]:
+    def _extended_info(self, info: AnyDict, entries: Mapping[str, Batch]) -> AnyDict:
         if self.transformation.adds_infos:
             entries = {**entries, **self.transformation.added_infos(info, self._state)}
         return {**info, **{name: to_python(value[0]) for name, value in entries.items()}} if entries else info
@@ -128,7 +128,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self,
         env: VectorEnv[Any, Any, Any],
         wrapper_class: Any,
-        settings: Mapping[str, Any],
+        settings: AnyMapping,
     ) -> None:
         """`wrapper_class`: of single environments; its transformation is called with an EnvDescription and settings."""
         super().__init__(env)
@@ -157,12 +157,12 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """Does not close the wrapped environment, unlike Gymnasium's wrappers before 1.3."""
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+        self, *, seed: int | Sequence[int | None] | None = None, options: AnyMapping | None = None
+    ) -> tuple[Any, AnyDict]:
         observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         return self._transformed(observations), self._extended_infos(infos)
 
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, AnyDict]:
         entries: Mapping[str, Batch] = {}
         transformation, states = self.transformation, self._state.states
         if transformation.changes_actions:
@@ -194,19 +194,19 @@ class VectorEnvWrapper(AnyVectorWrapper):
             return observations
         return self.transformation.observations(observations, self._state)
 
-    def _extended_infos(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _extended_infos(self, infos: AnyDict) -> AnyDict:
         """The infos with the entries that the transformation adds."""
         if not self.transformation.adds_infos:
             return infos
         added = self.transformation.added_infos(infos, self._state)
         return {**infos, **added, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in added}}
 
-    def _with_transformed_finals(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _with_transformed_finals(self, infos: AnyDict) -> AnyDict:
         """The infos with transformed final observations and infos of episodes that ended."""
         ended = infos[HAS_FINAL_OBS]
         env_ids = ended.nonzero()[0]
         state = FinalEnvState(self.transformation.env_description, self.env, env_ids)
-        changed: dict[str, Any] = {}
+        changed: AnyDict = {}
         if self.transformation.changes_observations:
             final_obs = changed[FINAL_OBS] = infos[FINAL_OBS].copy()
             transformed = self.transformation.observations(stacked(final_obs[env_ids].tolist()), state)
@@ -222,8 +222,8 @@ class VectorEnvWrapper(AnyVectorWrapper):
         return {**infos, **changed}
 
     def _with_entries(
-        self, infos: dict[str, Any], entries: Mapping[str, Batch], acted: BoolArray, ended: BoolArray
-    ) -> dict[str, Any]:
+        self, infos: AnyDict, entries: Mapping[str, Batch], acted: BoolArray, ended: BoolArray
+    ) -> AnyDict:
         """The infos with the entries of this step's actions; in mode SAME_STEP those of ended episodes go to
         "final_info"."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -281,7 +281,7 @@ class FinalEnvState(EnvState):
         return inner.transformation.action_masks(FinalEnvState(self._description, inner.env, self._env_ids))
 
 
-def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
+def _columns(entries: Mapping[str, Batch], where: BoolArray) -> AnyDict:
     """Entries (N,) in the format of Gymnasium's vector infos: each with a mask `_name`; none where there are none."""
     if not where.any():
         return {}

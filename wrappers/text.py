@@ -21,7 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scen
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.scene.render import draw
@@ -101,7 +101,7 @@ class TextFormat(Transformation):
         states = zip(state.states(), masks, strict=self._lists_legal)
         return tuple(text_of(dynamics, each, legal=mask, scene=scene) for each, mask in states)
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
         states = state.states()
         images = np.empty(len(states), object)
         for index, each in enumerate(states):
@@ -149,7 +149,7 @@ def picture(scene: Scene) -> Image.Image:
     return Image.fromarray(draw(scene))
 
 
-def image_part(image: Image.Image) -> dict[str, Any]:
+def image_part(image: Image.Image) -> AnyDict:
     """The image as a content part of a message, in the form of OpenAI's chat API: PNG in a data URL."""
     file = io.BytesIO()
     image.save(file, "PNG")

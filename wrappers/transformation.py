@@ -22,7 +22,7 @@ from lilgym_mp.envs.observation import item_array, item_capacity
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 STATEMENT = "statement"  # observation key
@@ -195,7 +195,7 @@ class Transformation:
         """(B,) the transformed rewards; `before` and `after`: potentials around the step, 0 after the end."""
         return rewards
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
         """Info entries to add after reset and step; `info` holds the existing ones."""
         return {}
 

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
@@ -27,6 +26,7 @@ from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.arrays import AnyMapping
 from lilgym_mp.scene.choices import listed
 
 INVALID_CORPUS = 1  # exit code of `check`
@@ -182,7 +182,7 @@ def _synthesize(args: argparse.Namespace) -> int:
     return 0
 
 
-def _is_always_true(entry: Mapping[str, Any]) -> bool:
+def _is_always_true(entry: AnyMapping) -> bool:
     """Whether the entry's program is true in all its start scenes and in the empty scene."""
     try:
         empty = compile_program(entry["program"]).evaluate(Scene.empty())

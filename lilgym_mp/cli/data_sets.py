@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.observation import TokenSpace
 from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
 from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import listed
 
 Add = Callable[..., argparse.ArgumentParser]
@@ -163,7 +164,7 @@ def _check_output(args: argparse.Namespace) -> None:
         datasets.check_minari(args.minari)
 
 
-def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
+def _tokens(env: gym.Env[Any, Any]) -> AnyDict:
     """The words that token ids stand for, from 2 on, and the length of a statement, if statements are token ids."""
     statement = getattr(env.observation_space, "spaces", {}).get("statement")
     if not isinstance(statement, TokenSpace):
@@ -171,7 +172,7 @@ def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
     return {"vocabulary": list(statement.vocabulary.words), "length": statement.shape[0]}
 
 
-def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
+def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: AnyMapping) -> int:
     settings = datasets.common_settings(sources)
     splits = list(dict.fromkeys(source.split for source in sources))
     envs = datasets.environments(settings, splits, args.observation)

@@ -23,6 +23,7 @@ from lilgym_mp.evaluation.game_partners import (
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
@@ -85,10 +86,10 @@ def _played(
     *,
     actions: str = GREEDY,
     messages: str | None = None,
-) -> list[dict[str, Any]]:
+) -> list[AnyDict]:
     """The measures of a game with each pair, and what was played."""
     env = BaseGameEnv(**vars(settings))
-    results: list[dict[str, Any]] = []
+    results: list[AnyDict] = []
     for (proposer, proposing), (verifier, judging) in pairs:
         if messages:
             proposing, judging = (ChangedMessages(each, messages) for each in (proposing, judging))
@@ -112,11 +113,11 @@ def _played(
     return results
 
 
-def play_on_dev(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
+def play_on_dev(agents: Mapping[Path, Agent]) -> list[AnyDict]:
     """The results of each run with every other of its game, and with scripted partners, by most probable actions."""
     names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
-    results: list[dict[str, Any]] = []
+    results: list[AnyDict] = []
     groups = grouped((repr([_compared(game, name) for name in names]), path) for path, game in own.items())
     for paths in groups.values():
         settings = replace(own[paths[0]], split="dev")

@@ -20,9 +20,10 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig, option_name
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.files import fresh_file
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import flag_name
 
-JSON = dict[str, Any]  # an object
+JSON = AnyDict  # an object
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named
@@ -33,7 +34,7 @@ class CommandError(Exception):
     """An error that the user can correct; only its message is printed, without a traceback."""
 
 
-def help_of(text: str | None) -> dict[str, Any]:
+def help_of(text: str | None) -> AnyDict:
     """The help of a command: the text's first line in lists of commands, the rest in its own."""
     summary, _, description = (text or "").strip().partition("\n\n")
     return {"help": summary[:1].lower() + summary[1:-1], "description": description}
@@ -92,7 +93,7 @@ def add_fields(
         default = each.default
         known = each.metadata
         shown = f"{default:g}" if isinstance(default, float) else str(default)
-        kind: dict[str, Any] = {"type": argument_type(known["kind"])}
+        kind: AnyDict = {"type": argument_type(known["kind"])}
         if isinstance(default, bool):
             shown = "on" if default else "off"
             kind = {"action": argparse.BooleanOptionalAction}
@@ -120,9 +121,9 @@ def add_configuration(
     """A configuration, or `several`, with or without --configuration; required unless `nargs` is "?"."""
     group = parser.add_mutually_exclusive_group(required=nargs is None and not several)
     help_text = f"{'any' if several else 'one'} of {CONFIGURATIONS_HELP}{' (default: all)' if several else ''}"
-    named: dict[str, Any] = {"nargs": "*" if several else "?", "metavar": "CONFIGURATION", "default": argparse.SUPPRESS}
+    named: AnyDict = {"nargs": "*" if several else "?", "metavar": "CONFIGURATION", "default": argparse.SUPPRESS}
     group.add_argument("configuration", help=help_text, **named)
-    option: dict[str, Any] = {"nargs": "+"} if several else {}
+    option: AnyDict = {"nargs": "+"} if several else {}
     group.add_argument("--configuration", metavar="NAME", default=default, help="the same", **option)
 
 
@@ -204,17 +205,17 @@ def split_of(settings: EnvConfig, split: str | None, *task_ids: str | None) -> s
     return split or next(iter(found), PREFERRED_SPLITS[0])
 
 
-def given_environment(args: argparse.Namespace) -> dict[str, Any]:
+def given_environment(args: argparse.Namespace) -> AnyDict:
     """The settings of `EnvConfig` that were given on the command line."""
     return given_options(args, list(EnvConfig.settings()))
 
 
-def given_settings(args: argparse.Namespace) -> dict[str, Any]:
+def given_settings(args: argparse.Namespace) -> AnyDict:
     """Returns these settings and the configuration, as far as they were given."""
     return {**given_environment(args), **given_options(args, ["configuration"])}
 
 
-def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+def given_options(args: argparse.Namespace, names: Sequence[str]) -> AnyDict:
     """The values of those options that were given."""
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 

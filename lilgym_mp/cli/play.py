@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.wrappers.replies import action_on
@@ -219,7 +220,7 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
     game = parallel_env(settings.id, protocol=args.protocol or "veto", **settings.arguments(split))
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
     engine, lines, rng, rewards = game.engine, _input_lines(), np.random.default_rng(args.seed), np.zeros(len(AGENTS))
-    info: dict[str, Any] = {}
+    info: AnyDict = {}
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
     while engine.movers:
         print(text(game.scene, [], coloured=shows_colours()))

@@ -17,6 +17,7 @@ from lilgym_mp.evaluation.files import read_lines
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 
 
@@ -120,7 +121,7 @@ def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[An
     """The environment, recipe, options and directory of the run that the options ask for. Raises as `train`."""
     given = given_options(args, learner.options.names())
     changes = given_options(args, learner.recipe.names())
-    environment: dict[str, Any] = {}
+    environment: AnyDict = {}
     if learner.config is not None:
         environment = given_options(args, ["configuration", *learner.config.settings()])
         if args.configuration is not None:
@@ -138,7 +139,7 @@ def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[An
     return settings, recipe, learner.options(**given), directory
 
 
-def resumed(path: Path, name: str, learner: Learner, *given: dict[str, Any]) -> tuple[Any, Any, Any]:
+def resumed(path: Path, name: str, learner: Learner, *given: AnyDict) -> tuple[Any, Any, Any]:
     """The environment, recipe and options of the run in a directory.
 
     `given`: what was requested of each, which must be the run's, except options that are no part of its identity.

@@ -9,7 +9,6 @@ import os
 import random
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
-from typing import Any
 
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
@@ -18,6 +17,7 @@ from lilgym_mp.corpus.writing import LabelledScene, entry_json
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.arrays import AnyDict
 
 WALKS = 400  # random walks through scenes, in search of a change of the truth value
 WALK_LENGTH = 8  # single-item changes per walk
@@ -95,7 +95,7 @@ def synthesize(
     *,
     starts: int = 4,
     seed: int = 0,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[AnyDict]:
     """An entry for `write_corpus`, with at most `starts` start scenes, for every statement of a corpus's Scratch tasks.
 
     The scenes of a statement depend on the seed and the statement only. Ids are those of the tasks; if these are not

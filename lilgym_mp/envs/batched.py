@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
@@ -27,15 +27,15 @@ from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import Sampler, check_statement, checked_task
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
 _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
 
 T = TypeVar("T")
-Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
-Infos = dict[str, Any]
+Observations = AnyDict  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
+Infos = AnyDict
 
 
 class ResultTable(NamedTuple):
@@ -69,7 +69,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         copy: Whether returned images are copies.
     """
 
-    metadata: dict[str, Any] = {
+    metadata: AnyDict = {
         "render_modes": list(RENDER_MODES),
         "render_fps": RENDER_FPS,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -174,7 +174,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
                 self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: AnyMapping | None = None
     ) -> tuple[Observations, Infos]:
         """Resets every environment, or those chosen.
 
@@ -367,7 +367,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
         return int(buffers.action[env_id]), Transition(state, self.dynamics.step_results[result], invalid)
 
-    def _last_observation(self, env_id: int) -> Observation | dict[str, Any]:
+    def _last_observation(self, env_id: int) -> Observation | AnyDict:
         task = int(self._buffers.last_task[env_id])
         statement, target = self._statements[task], self._targets[task]
         if self._arrays is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -23,7 +23,7 @@ from lilgym_mp.envs.observation import FORMS, item_capacity
 from lilgym_mp.envs.rules import ActionStatus, State
 from lilgym_mp.envs.sampling import checked_task, next_draws
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array
 from lilgym_mp.scene.choices import choose
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
@@ -73,7 +73,7 @@ class EnvSnapshot(NamedTuple):
     """One environment of a batch at one time. Picklable."""
 
     state: State
-    row: Mapping[str, Any]  # of SAVED
+    row: AnyMapping  # of SAVED
     generator: np.random.Generator | None
     drawn: tuple[int, ...]
     episodes: int

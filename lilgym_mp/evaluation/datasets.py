@@ -34,6 +34,7 @@ from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX, write_atomically
 from lilgym_mp.evaluation.runs import play_steps
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
@@ -63,8 +64,8 @@ class Source(NamedTuple):
 class Rollout(NamedTuple):
     """An episode of T actions with its observations."""
 
-    episode: Mapping[str, Any]  # fields with a value for the episode
-    steps: Mapping[str, Any]  # fields with a value for each of the T actions, as arrays or lists
+    episode: AnyMapping  # fields with a value for the episode
+    steps: AnyMapping  # fields with a value for each of the T actions, as arrays or lists
     observations: Sequence[Any]  # T + 1, in the environment's own form
 
 
@@ -190,7 +191,7 @@ def _rollout(
     left = iter(actions)
     observations, legal, states = [], [], []
 
-    def choose(observation: Any, info: dict[str, Any]) -> int | None:
+    def choose(observation: Any, info: AnyDict) -> int | None:
         observations.append(observation)
         legal.append(action_masks(env))
         states.append(base.state)
@@ -205,7 +206,7 @@ def _rollout(
         )
     observations.append(played[-1].observation)
     _, rewards, terminated, truncated, _ = zip(*played, strict=True)
-    steps: dict[str, Any] = {
+    steps: AnyDict = {
         "action": np.array(actions, np.int64),
         "reward": np.array(rewards, np.float64),
         "terminated": np.array(terminated),
@@ -218,7 +219,7 @@ def _rollout(
         steps["optimal"] = np.zeros_like(steps["legal"])
         for row, found in zip(steps["optimal"], map(solver.optimal_actions, states), strict=True):
             row[list(found.actions)] = True
-    about: dict[str, Any] = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
+    about: AnyDict = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
     about |= {"split": source.split, "agent": source.agent, "outcome": episode.outcome}
     if isinstance(observations[0], str):
         return Rollout(about, {**steps, "text": observations[:-1]}, observations)
@@ -245,7 +246,7 @@ def _suffix(path: Path) -> str:
     return "".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix
 
 
-def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def write_file(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     """Writes a file of the format that its suffix names, one of WRITERS. If writing fails, no file remains.
 
     `about` is stored as JSON in npz and Parquet. Equal rollouts, at least one, give equal bytes.
@@ -253,24 +254,24 @@ def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) 
     write_atomically(path, lambda unfinished: WRITERS[_suffix(path)](unfinished, played, about))
 
 
-def _write_npz(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_npz(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     parts = [(rollout.episode, rollout.steps) for rollout in played]
     episodes, steps = zip(*parts, strict=True)
-    arrays: dict[str, Any] = {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
+    arrays: AnyDict = {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
     arrays |= {name: np.concatenate([one[name] for one in steps]) for name in steps[0]}
     arrays["starts"] = np.cumsum([0, *(len(one["action"]) for one in steps)])  # (N + 1,)
     with path.open("wb") as file:
         np.savez_compressed(file, about=np.array(json.dumps(about, ensure_ascii=False, sort_keys=True)), **arrays)
 
 
-def _write_json_lines(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_json_lines(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     with path.open("wb") as raw, gzip.GzipFile("", "wb", fileobj=raw, mtime=0) if path.suffix == ".gz" else raw as file:
         for rollout in played:
             row = _row(rollout, lambda png: base64.b64encode(png).decode())
             file.write(json.dumps(row, ensure_ascii=False).encode() + b"\n")
 
 
-def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_parquet(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     pyarrow = import_module("pyarrow")
     parquet = import_module("pyarrow.parquet")
     rows = [_row(rollout, lambda png: {"bytes": png, "path": None}) for rollout in played]
@@ -278,9 +279,9 @@ def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, An
     parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
 
 
-def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> dict[str, Any]:
+def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> AnyDict:
     """The fields as lists: sets of actions as indices, images as PNG files."""
-    row: dict[str, Any] = {}
+    row: AnyDict = {}
     for name, value in {**rollout.episode, **rollout.steps}.items():
         if name in ("legal", "optimal"):
             row[name] = [np.flatnonzero(mask).tolist() for mask in value]
@@ -297,7 +298,7 @@ def _png(image: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], Mapping[str, Any]], None]] = {
+WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], AnyMapping], None]] = {
     ".npz": _write_npz,
     ".jsonl": _write_json_lines,
     ".jsonl.gz": _write_json_lines,
@@ -331,7 +332,7 @@ def write_minari(
     env: gym.Env[Any, Any],
     eval_env: gym.Env[Any, Any],
     agent: str,
-    about: Mapping[str, Any],
+    about: AnyMapping,
 ) -> None:
     """Writes a data set to Minari's directory.
 
@@ -373,7 +374,7 @@ def _buffer(rollout: Rollout) -> Any:
     observed = rollout.observations
     steps = rollout.steps
     observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
-    infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
+    infos: AnyDict = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
     for name in {"legal", "optimal", "return_to_go"} & steps.keys():
         infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
     return import_module("minari.data_collector").EpisodeBuffer(

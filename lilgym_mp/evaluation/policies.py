@@ -15,7 +15,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, UInt8Array, one_hot
 from lilgym_mp.scene.choices import choose
 
 FloatArray = NDArray[np.floating[Any]]
@@ -161,7 +161,7 @@ class NamedPolicy:
     supervision: str = NO_SUPERVISION  # training data, for result tables
     configurations: tuple[str, ...] = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
-    details: Mapping[str, Any] = field(default_factory=dict)  # further details needed to reproduce it
+    details: AnyMapping = field(default_factory=dict)  # further details needed to reproduce it
 
 
 _SAMPLED = {"actions": "sampled"}

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from shutil import get_terminal_size
 from textwrap import fill
-from typing import Any
 
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.results import Result, SuccessCount, rounded
 from lilgym_mp.evaluation.terminal import NUMBER, table
+from lilgym_mp.scene.arrays import AnyDict
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
@@ -97,7 +97,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"|{'|'.join(line)}|" for line in zip(*columns, strict=True))
 
 
-def results_json(results: Sequence[Result]) -> dict[str, Any]:
+def results_json(results: Sequence[Result]) -> AnyDict:
     """The settings, software versions and tasks of evaluations, and one row per result."""
     return {
         "format": FORMAT,

@@ -21,7 +21,7 @@ from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import MAX_RESETS
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array
 from lilgym_mp.scene.choices import choose
 
 BOTH = "both"
@@ -54,7 +54,7 @@ class GameVecEnv(VecEnv):
         self._generators: list[np.random.Generator] = []
         self._actions = np.zeros((len(Role), num_games), np.int64)  # indexed by role, like the next
         self._returns = np.zeros((len(Role), num_games))  # of this step
-        self._infos: list[dict[str, Any]] = []  # of this step, by row
+        self._infos: list[AnyDict] = []  # of this step, by row
         super().__init__(num_games * len(self._roles), cast("spaces.Dict", nested[PARTS]), actions)
 
     def reset(self) -> VecEnvObs:
@@ -94,7 +94,7 @@ class GameVecEnv(VecEnv):
         self._returns[:] = 0
         self._infos = [{"agent": agent} for agent in self.get_attr("agent")]
 
-    def _end(self, ended: Int64Array, infos: list[dict[str, Any]]) -> None:
+    def _end(self, ended: Int64Array, infos: list[AnyDict]) -> None:
         """Completes the infos of games (k,) that have just ended, and starts others."""
         last, rows = self._observations(ended), self._rows_of(ended)
         for place, row in enumerate(rows):

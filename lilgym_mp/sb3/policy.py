@@ -30,6 +30,7 @@ from lilgym_mp.learning.ppo.agent import PPOAgent, describe
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
@@ -56,7 +57,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     action_space: spaces.Discrete
 
     def __init__(
-        self, *args: Any, settings: Mapping[str, Any], words: Sequence[str], use_sde: bool = False, **kwargs: Any
+        self, *args: Any, settings: AnyMapping, words: Sequence[str], use_sde: bool = False, **kwargs: Any
     ) -> None:
         """`settings`: `EnvConfig.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
@@ -79,7 +80,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
             raise ValueError(OTHER_WORDS)
         self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
-        options: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
+        options: AnyDict = {"lr": lr_schedule(1), **self.optimizer_kwargs}
         self.optimizer = self.optimizer_class(self.network.parameters(), **options)
 
     def set_training_mode(self, mode: bool) -> None:
@@ -208,8 +209,8 @@ STATEMENT_EPISODES = {"tower": 4}  # of the results in the documents; 2 for othe
 class Recipe(NamedTuple):
     """Arguments that train as `lilgym-mp train ppo --stop-forcing` does."""
 
-    env: dict[str, Any]  # of `make_vec_env`
-    model: dict[str, Any]  # of `PPO` and `MaskablePPO`
+    env: AnyDict  # of `make_vec_env`
+    model: AnyDict  # of `PPO` and `MaskablePPO`
     callback: EntropySchedule  # of `learn`
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.corpus import contexts
 from lilgym_mp.corpus.records import shown
@@ -15,6 +14,7 @@ from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import EpisodesError, read_json, read_lines
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"  # written by `lilgym-mp llm play`
 PEOPLE = "people"
@@ -56,7 +56,7 @@ def _reason(error: Exception) -> str:
     return f"there is no {error}" if isinstance(error, KeyError) else str(error)
 
 
-def _episode(record: Mapping[str, Any], settings: EnvConfig, split: str) -> Episode:
+def _episode(record: AnyMapping, settings: EnvConfig, split: str) -> Episode:
     task = settings.tasks(split).by_id(record["task"])
     if task.statement != record["statement"]:
         raise ValueError(f"the statement of task {task.id} was {shown(record['statement'])} when it was played")
@@ -90,7 +90,7 @@ def _recording(
     supervision: str,
     episodes: Sequence[Episode],
     seed: int,
-    recipe: dict[str, Any],
+    recipe: AnyDict,
 ) -> Recording:
     tasks = settings.tasks(split)
     own = [tasks.by_id(episode.task) for episode in episodes]

@@ -16,6 +16,7 @@ from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
 from lilgym_mp.evaluation.files import OutputError, writable_directory
+from lilgym_mp.scene.arrays import AnyMapping
 
 CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Results": (results.table_2, results.figure_3, results.by_target, results.basis),
@@ -105,7 +106,7 @@ def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]]
     (directory / PAGE_FILE).write_text(page, encoding="utf-8")
 
 
-def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
+def _write_item(directory: Path, item: Item) -> AnyMapping:
     """Writes the item's files; returns its template context."""
     common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note, "links": item.links}
     if isinstance(item, Chart):

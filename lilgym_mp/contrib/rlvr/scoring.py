@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from PIL import Image
 
@@ -19,12 +19,13 @@ from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of, right_answer
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
 from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, parse_reply, unusual_end
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, text_of
 
 SUCCESS, WRONG, NO_STOP = "success", "wrong", "no_stop"  # besides the rules' outcomes and those of replies
-Checked = tuple[str, dict[str, Any]]  # the outcome and details of a reply
+Checked = tuple[str, AnyDict]  # the outcome and details of a reply
 REWARD_LINE = "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode."
 
 
@@ -33,7 +34,7 @@ class Score(NamedTuple):
 
     reward: float
     outcome: str
-    details: Mapping[str, Any]
+    details: AnyMapping
 
 
 def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish_reason: str | None = None) -> Score:

@@ -18,6 +18,7 @@ from string import Formatter
 from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.corpus.generator.fragments import ALL_ITEMS, NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import article
 
 HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
@@ -166,7 +167,7 @@ class PhraseBook(NamedTuple):
 
 
 @cache
-def phrase_tables() -> dict[str, Any]:
+def phrase_tables() -> AnyDict:
     """The contents of data/phrases.toml."""
     return tomllib.loads((files("lilgym_mp.data") / "phrases.toml").read_text(encoding="utf-8"))
 

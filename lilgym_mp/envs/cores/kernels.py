@@ -21,7 +21,7 @@ from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.envs.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT
-from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int16Array, Int64Array, UInt8Array
 
 NO_ITEM = -1
 BEYOND = 64  # pixels that an item may lie outside its box, to the left or above
@@ -32,7 +32,7 @@ LONG_WAIT = 2.0  # seconds of compiling before a line is printed
 
 # Kernels allocate nothing, so they do not need numba's runtime. Without it they do not count references to arrays,
 # which took most of their time. A version of numba without the option works, slower.
-_OPTIONS: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+_OPTIONS: AnyDict = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -17,6 +17,7 @@ from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
+from lilgym_mp.scene.arrays import AnyDict
 
 MAX_BOX_ITEMS = 24  # larger boxes use the reference evaluator, which counts steps
 TABLE_SIZE = 20_000  # cached items per test
@@ -123,7 +124,7 @@ def _bits(mask: int) -> list[int]:
 
 
 # The only names that generated code can use, besides functions of a box
-NAMES: dict[str, Any] = {
+NAMES: AnyDict = {
     "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
 }

@@ -8,6 +8,7 @@ from weakref import WeakValueDictionary
 
 from lilgym_mp.envs.fast import box_functions, ir
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import AnyDict
 
 CALLS = {  # operators that are not written between their operands
     "not": "(not {})",
@@ -39,7 +40,7 @@ def kernel(code: ir.Code) -> ir.Kernel:
     return known
 
 
-def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], Any]:
+def _compiled(source: str, names: AnyDict, name: str) -> Callable[[Any], Any]:
     """Executes generated source and returns the function it defines. No user-written text is in the source."""
     exec(compile(source, f"<{name} of a program>", "exec"), names)
     return names[name]
@@ -49,7 +50,7 @@ class _Printer:
     """Prints code of one function: `names` are its globals, `lines` what is computed before its loops."""
 
     def __init__(self) -> None:
-        self.names: dict[str, Any] = dict(box_functions.NAMES)
+        self.names: AnyDict = dict(box_functions.NAMES)
         self._hoisted: dict[str, str] = {}  # calls of vectorised words within loops, by the variable with their value
         self._kernels: dict[ir.Kernel, str] = {}
 

@@ -22,14 +22,14 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int64Array
 
 BatchStep = tuple[
     dict[str, AgentObservation],
     dict[str, NDArray[np.float64]],  # (N,)
     NDArray[np.bool_],  # (N,) terminated
     NDArray[np.bool_],  # (N,) truncated
-    dict[str, Any],
+    AnyDict,
 ]
 
 
@@ -97,8 +97,8 @@ class BatchedGames:
         refuse_copying(self)
 
     def reset(
-        self, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
+        self, seed: int | None = None, options: AnyMapping | None = None
+    ) -> tuple[dict[str, AgentObservation], AnyDict]:
         """Starts every game.
 
         Args:
@@ -165,7 +165,7 @@ class BatchedGames:
         rewards: dict[str, NDArray[np.float64]] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
         terminated, truncated = games.terminated.copy(), games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
-        infos: dict[str, Any] = {
+        infos: AnyDict = {
             "own_turn_rewards": self._own_turn_rewards.T.copy(),
             "verdict": games.verdicts,
             "is_success": games.successes,
@@ -178,7 +178,7 @@ class BatchedGames:
         infos |= self._infos()
         return self._observations(), rewards, terminated, truncated, infos
 
-    def _infos(self) -> dict[str, Any]:
+    def _infos(self) -> AnyDict:
         """The info entries of the games now in play."""
         games = self._games
         infos = {"turns": games.movers.T.copy(), "task_index": games.tasks.copy(), "proposal": games.proposals.copy()}
@@ -206,7 +206,7 @@ class BatchedGames:
     def _observations(self) -> dict[str, AgentObservation]:
         return self._games.observe_both(self._all, copy=self._copies)
 
-    def _final_infos(self, ended: Int64Array) -> dict[str, Any]:
+    def _final_infos(self, ended: Int64Array) -> AnyDict:
         """The info entries for games (k,) that have just ended."""
         observations: list[dict[str, AgentObservation] | None] = [None] * self.num_games
         infos: list[dict[str, Info] | None] = [None] * self.num_games

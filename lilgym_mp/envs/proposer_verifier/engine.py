@@ -26,7 +26,7 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import Int8Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int8Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
@@ -86,7 +86,7 @@ class GameEngine:
         self._is_started = self._is_closed = False
         self._last_actions = ""  # as text, for the caption
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> AnyDict:
         """Copies of a game that was never seeded draw tasks on their own."""
         return vars(self) | ({} if self._is_seeded else {"_rng": None})
 
@@ -117,7 +117,7 @@ class GameEngine:
         """The agents to act; empty before the first reset and after the end."""
         return self.games.movers_of(0)
 
-    def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
+    def reset(self, seed: int | None, options: AnyMapping | None) -> tuple[Info, Info]:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
         Options: "task", an id or a `Task`; "intent", "helpful" or "deceptive".
@@ -223,7 +223,7 @@ class GameEngine:
 class BaseGameEnv:
     """Spaces, the current task, names of actions, and the image as PettingZoo's global state."""
 
-    metadata: dict[str, Any] = {
+    metadata: AnyDict = {
         "name": "proposer_verifier_v0",
         "render_modes": list(RENDER_MODES),
         "render_fps": RENDER_FPS,

@@ -27,7 +27,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 EDIT = int(ProposalType.EDIT)
@@ -35,7 +35,7 @@ _MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether
 
 _FIRST, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)  # indices of games
 
-Info = dict[str, Any]
+Info = AnyDict
 Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)
 
 

@@ -16,7 +16,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.resampling import drawn_counts, percentile_interval
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int64Array
 
 LARGEST_BATCH = 1024
 RESAMPLES = 1_000
@@ -76,7 +76,7 @@ class Metrics:
     j: float | None  # Youden's J, the rates' difference: mean over targets, None unless each has true and false claims
     j_interval: Interval | None
     accepted_false_claims: float  # share of games that end in an accepted false claim
-    by_target: Mapping[str, Mapping[str, Any]]  # games, success_rate, both rates and j by "true" and "false", if played
+    by_target: Mapping[str, AnyMapping]  # games, success_rate, both rates and j by "true" and "false", if played
 
 
 def play_games(
@@ -159,7 +159,7 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     resampled = np.einsum("bs,stc->btc", drawn_counts(len(counts), RESAMPLES), counts)  # statements with replacement
     j, js = (mean_j(each, each[..., 0] > 0) for each in (total, resampled))
     has_j = not np.isnan(j)
-    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
+    measures: AnyDict = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
     return Metrics(
         **measures,
@@ -197,7 +197,7 @@ def claim_rates(counts: Float64Array) -> dict[str, Float64Array]:
     return dict(zip(names, (success, true_accepts, false_accepts, true_accepts - false_accepts), strict=True))
 
 
-def _measures(counts: Float64Array) -> dict[str, Any]:
+def _measures(counts: Float64Array) -> AnyDict:
     """The measures that counts (6,) determine, None for NaN."""
     rates = {name: None if np.isnan(rate) else float(rate) for name, rate in claim_rates(counts).items()}
     return {"games": int(counts[0]), **rates}

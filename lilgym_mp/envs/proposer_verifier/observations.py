@@ -23,11 +23,11 @@ from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.sampling import checked_task, naming
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, UInt8Array
 from lilgym_mp.scene.render import draw
 
 PARTS, MASK, IMAGE = "observation", "action_mask", "image"
-AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
+AgentObservation = AnyDict  # {"observation": {key: array}, "action_mask": int8 (actions,)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float64Array, Int8Array, Int64Array
 from lilgym_mp.scene.choices import choose
 
 
@@ -56,7 +56,7 @@ class PartnerTurn:
         return self.games.observe(self.role, self.index) if self.observe is None else self.observe(self.role)
 
     @property
-    def observation(self) -> dict[str, Any]:
+    def observation(self) -> AnyDict:
         """The observation without the mask."""
         return self.full_observation[PARTS]
 

@@ -12,6 +12,7 @@ from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Rewards, checked_number
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import shrink_of
 
@@ -119,7 +120,7 @@ class GameSettings(EnvConfig):
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The game's identity: no split, image size or infos, and no views in which both agents see everything.
 
         Raises:

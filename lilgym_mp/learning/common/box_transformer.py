@@ -37,7 +37,7 @@ from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import Boxes, Cells, places_of
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array
 
 CHANNELS = 32  # channels of a patch
 MIDDLE_GREY = 127.5
@@ -120,7 +120,7 @@ class BoxTransformer(Model):
         self._cached_statements: dict[str, list[Tensor]] = {}
         self._cached_boxes: dict[int, tuple[Tensor, Tensor]] = {}  # by hash: vector and patches
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def clear_cache(self) -> None:

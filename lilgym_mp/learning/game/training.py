@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -37,7 +37,7 @@ from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, Seen, Situation, own_turn_advantages
 from lilgym_mp.learning.game.situations import check_claims
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array
 
 TEXT_LAYERS, HEADS = 1, 2
 MOST_UNFINISHED = 0.1  # share of games without an end in a rollout; with more, a run warns
@@ -216,7 +216,7 @@ class GameRun(TrainingRun):
         recipe = self.recipe
         advantages, complete = own_turn_advantages(rollout, recipe.gamma, recipe.gae_lambda)
         complete[[role for role in Role if role not in roles]] = False
-        arrays: dict[str, Any] = {
+        arrays: AnyDict = {
             column: getattr(rollout, column)[complete] for column in ("actions", "log_probabilities", "values")
         }
         role_of, cells = np.divmod(np.flatnonzero(complete), rollout.ended.size)
@@ -316,7 +316,7 @@ class GameRun(TrainingRun):
 
     # Files
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         return {
             "networks": self.networks.state_dict(),
             "optimisers": {name: optimiser.state_dict() for name, optimiser in self._optimisers.items()},
@@ -324,7 +324,7 @@ class GameRun(TrainingRun):
             "random": json.dumps(self._rng.bit_generator.state),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         self.networks.load_state_dict(state["networks"])
         for name, optimiser in self._optimisers.items():
             optimiser.load_state_dict(state["optimisers"][name])

@@ -30,7 +30,7 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID
-from lilgym_mp.scene.arrays import Float32Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Float32Array, Int64Array, UInt8Array
 
 MAX_CACHED_BOXES = 50_000
 SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that make the network
@@ -138,13 +138,13 @@ def tune_stop_rule(
     return rule, best
 
 
-def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> dict[str, Any]:
+def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> AnyDict:
     """The arguments of `make_network`, as JSON."""
     sizes = {name: getattr(recipe, name) for name in SIZES}
     return {"appearance": appearance, "vocabulary": list(vocabulary.words), **sizes}
 
 
-def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNetwork:
+def make_network(built: AnyMapping, dropout: float = 0.0) -> ImitationNetwork:
     """A new network of this architecture."""
     vocabulary = Vocabulary(tuple(built["vocabulary"]))
     sizes = {name: built[name] for name in SIZES}

@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -32,6 +32,7 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.programs.static_types import is_well_typed
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
 UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
@@ -228,7 +229,7 @@ class Parser:
         unsure = tuple(doubts(statement, original_words[1:], ranked, first_truths))
         return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked, unsure)
 
-    def to_details(self) -> dict[str, Any]:
+    def to_details(self) -> AnyDict:
         """The part of a model description that `of` reads."""
         return {
             "words": list(self.vocabulary.symbols),
@@ -238,7 +239,7 @@ class Parser:
         }
 
     @classmethod
-    def of(cls, details: Mapping[str, Any]) -> Parser:
+    def of(cls, details: AnyMapping) -> Parser:
         """A parser with an untrained network. Raises ValueError, TypeError, KeyError."""
         vocabulary = SymbolTable(tuple(details["words"]))
         tokens = TokenTable(tuple(details["tokens"]))

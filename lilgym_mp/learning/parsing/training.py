@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import torch
 
@@ -36,6 +36,7 @@ from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import ProgramPlanner, fit_calibration
+from lilgym_mp.scene.arrays import AnyDict
 
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -152,7 +153,7 @@ class ParserRun(TrainingRun):
     def progress_line(self, recent: Sequence[float]) -> ParserProgress:
         return ParserProgress(self.counters.updates, sum(recent) / len(recent), self.seconds())
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         super().restore(state)
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 

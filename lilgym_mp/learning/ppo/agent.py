@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -23,7 +22,7 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array
 
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
@@ -36,7 +35,7 @@ def make_model(
     *,
     statements: Iterable[str] = (),
     weights: Path | None = None,
-    details: Mapping[str, Any] | None = None,
+    details: AnyMapping | None = None,
 ) -> Model:
     """A new model with the vocabulary of `statements`, or with `details` the one described by a model file.
 
@@ -131,7 +130,7 @@ def describe(
     recipe_name: str,
     configurations: tuple[str, ...],
     model: Model,
-    statistics: Mapping[str, Any],
+    statistics: AnyMapping,
 ) -> ModelDescription:
     """`statistics`: further details to save, such as the training time."""
     source = "rewards, and programs to exchange colours" if recipe.recolour else "rewards alone"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.learner import PPORecipe
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array
 
 
 class Rollout(NamedTuple):
@@ -67,7 +67,7 @@ class RolloutCollector:
         self._task_of = np.zeros(recipe.envs, np.int64)  # task index of each environment
         self._actions: list[list[int]] = [[] for _ in range(recipe.envs)]  # actions of the current episodes
         self._returns = np.zeros(recipe.envs)  # undiscounted returns of the current episodes so far
-        self._observations: dict[str, Any] = {}
+        self._observations: AnyDict = {}
         self.statistics = EpisodeStatistics()
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -75,7 +75,7 @@ class RolloutCollector:
         self._sampler.resample_statements(rng)
         self._reset(np.ones(self._recipe.envs, np.bool_), self._sampler.sample(np.arange(self._recipe.envs), rng))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The current episodes, for `restore_episodes`."""
         return {
             "statements": self._sampler.current.tolist(),
@@ -84,7 +84,7 @@ class RolloutCollector:
             "rewards": self._returns.tolist(),
         }
 
-    def restore_episodes(self, data: dict[str, Any]) -> None:
+    def restore_episodes(self, data: AnyDict) -> None:
         """Replays the saved episodes to their current states. Raises ValueError, KeyError, TypeError."""
         count = self._recipe.envs
         self._sampler.current = np.array(data["statements"], np.int64)
@@ -121,7 +121,7 @@ class RolloutCollector:
             self._sampler.resample_statements(rng)
         table = BoxImageTable()
         steps = recipe.rollout // count
-        collected: list[dict[str, Any]] = []
+        collected: list[AnyDict] = []
         for _ in range(steps):
             observed, states = self._observe(table)
             legal = self._envs.action_masks() if recipe.mask else None
@@ -132,7 +132,7 @@ class RolloutCollector:
         with torch.no_grad():
             last_values = as_numpy(policy_and_values(model, self._observe(table)[1], None)[1])
         columns = {name: [step[name] for step in collected] for name in collected[0]}
-        arrays: dict[str, Any] = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
+        arrays: AnyDict = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
         return Rollout(table=table, statements=self._sampler.statements, last_values=last_values, **arrays)
 
     def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:

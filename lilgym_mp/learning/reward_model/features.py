@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import accumulate, permutations, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.appearances.tower.geometry import CAPACITY
-from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, UInt8Array, one_hot
 
 COLOURS = len(Colour)
 SHAPES = len(Shape)
@@ -138,7 +138,7 @@ class BoxTable(FeatureTable):
         items = self._items[indices]
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
 
-    def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, Any]:
+    def columns(self, boxes: Sequence[Box], items: Int64Array) -> AnyDict:
         item_features, box_features = self._compute(items)
         rows = item_features.reshape(-1, self.item_width)
         kinds = [self._kinds.setdefault(row.tobytes(), len(self._kinds)) for row in rows]
