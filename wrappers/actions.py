@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
@@ -14,7 +13,7 @@ from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.arrays import AnyMapping, BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
+from lilgym_mp.wrappers.transformation import Batch, Batches, EnvDescription, EnvState, GymEnv, Transformation
 
 MASK = "action_mask"  # the info's key
 
@@ -24,7 +23,7 @@ class MaskInfo(Transformation):
 
     adds_infos = True
 
-    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         return {MASK: state.action_masks().view(np.int8)}
 
 
@@ -82,7 +81,7 @@ class Forcing(Transformation):
             legal[success, self.env_description.stop_index] = True
         return legal
 
-    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         return {MASK: self.action_masks(state).astype(np.int8)} if MASK in info else {}
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
@@ -110,7 +109,7 @@ class StopForcing(EnvWrapper[Forcing]):
 
     transformation_class = Forcing
 
-    def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
+    def __init__(self, env: GymEnv, mode: str = "mask", *, allow_evaluation: bool = False) -> None:
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
 
 
@@ -189,5 +188,5 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
 
     transformation_class = ArrayDecoding
 
-    def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
+    def __init__(self, env: GymEnv, *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
@@ -22,8 +22,10 @@ from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Int16Array, Int64Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
+    Batches,
     EnvDescription,
     EnvState,
+    GymEnv,
     Transformation,
     WrongEnvironment,
     change_tasks,
@@ -53,7 +55,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
 
-    def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
+    def __init__(self, env: GymEnv, **settings: Any) -> None:
         """Makes the transformation.
 
         Args:
@@ -74,7 +76,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         return self._transformed(observation), self._extended_info(info, {})
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, AnyDict]:
-        entries: Mapping[str, Batch] = {}
+        entries: Batches = {}
         transformation, states = self.transformation, self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(stacked([action]), self._state)
@@ -101,7 +103,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         batch = self.transformation.observations(stacked([observation]), self._state)
         return unstacked(self.observation_space, batch)[0]
 
-    def _extended_info(self, info: AnyDict, entries: Mapping[str, Batch]) -> AnyDict:
+    def _extended_info(self, info: AnyDict, entries: Batches) -> AnyDict:
         if self.transformation.adds_infos:
             entries = {**entries, **self.transformation.added_infos(info, self._state)}
         return {**info, **{name: to_python(value[0]) for name, value in entries.items()}} if entries else info
@@ -110,7 +112,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 class SingleEnvState(EnvState):
     """The state of one environment, with the masks of its wrappers up to `env`."""
 
-    def __init__(self, description: EnvDescription, env: gym.Env[Any, Any]) -> None:
+    def __init__(self, description: EnvDescription, env: GymEnv) -> None:
         super().__init__(description)
         self._env = env
 
@@ -163,7 +165,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         return self._transformed(observations), self._extended_infos(infos)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, AnyDict]:
-        entries: Mapping[str, Batch] = {}
+        entries: Batches = {}
         transformation, states = self.transformation, self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(actions, self._state)
@@ -221,9 +223,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
                 changed[FINAL_INFO] |= {name: column, f"_{name}": ended.copy()}
         return {**infos, **changed}
 
-    def _with_entries(
-        self, infos: AnyDict, entries: Mapping[str, Batch], acted: BoolArray, ended: BoolArray
-    ) -> AnyDict:
+    def _with_entries(self, infos: AnyDict, entries: Batches, acted: BoolArray, ended: BoolArray) -> AnyDict:
         """The infos with the entries of this step's actions; in mode SAME_STEP those of ended episodes go to
         "final_info"."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -281,7 +281,7 @@ class FinalEnvState(EnvState):
         return inner.transformation.action_masks(FinalEnvState(self._description, inner.env, self._env_ids))
 
 
-def _columns(entries: Mapping[str, Batch], where: BoolArray) -> AnyDict:
+def _columns(entries: Batches, where: BoolArray) -> AnyDict:
     """Entries (N,) in the format of Gymnasium's vector infos: each with a mask `_name`; none where there are none."""
     if not where.any():
         return {}
@@ -290,7 +290,7 @@ def _columns(entries: Mapping[str, Batch], where: BoolArray) -> AnyDict:
 
 
 def factory(
-    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]], module: str | None = None
+    wrapper: Callable[Concatenate[GymEnv, Settings], EnvWrapper[Any]], module: str | None = None
 ) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
     """A function that applies a wrapper to any kind of environment and returns the same kind.
 

@@ -6,11 +6,10 @@ import base64
 import io
 import itertools
 import string
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from PIL import Image
@@ -27,7 +26,15 @@ from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
-from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
+from lilgym_mp.wrappers.transformation import (
+    STATEMENT,
+    Batch,
+    Batches,
+    EnvDescription,
+    EnvState,
+    GymEnv,
+    Transformation,
+)
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos
@@ -101,7 +108,7 @@ class TextFormat(Transformation):
         states = zip(state.states(), masks, strict=self._lists_legal)
         return tuple(text_of(dynamics, each, legal=mask, scene=scene) for each, mask in states)
 
-    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         states = state.states()
         images = np.empty(len(states), object)
         for index, each in enumerate(states):
@@ -294,7 +301,7 @@ class TextObservation(EnvWrapper[TextFormat]):
 
     def __init__(
         self,
-        env: gym.Env[Any, Any],
+        env: GymEnv,
         *,
         default: int | str = "STOP",
         scene: str = "list",

@@ -29,6 +29,9 @@ STATEMENT = "statement"  # observation key
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
+Batches = Mapping[str, Batch]  # by name
+Spaces = Mapping[str, spaces.Space[Any]]  # by name
+GymEnv = gym.Env[Any, Any]
 
 
 class WrongEnvironment(TypeError):
@@ -55,7 +58,7 @@ class EnvDescription:
         """The index of the action STOP."""
         return self.dynamics.appearance.encode(STOP)
 
-    def parts(self) -> Mapping[str, spaces.Space[Any]]:
+    def parts(self) -> Spaces:
         """The spaces of a Dict observation. Raises WrongEnvironment for other observations."""
         space = self.observation_space
         if not isinstance(space, spaces.Dict):
@@ -195,7 +198,7 @@ class Transformation:
         """(B,) the transformed rewards; `before` and `after`: potentials around the step, 0 after the end."""
         return rewards
 
-    def added_infos(self, info: AnyMapping, state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         """Info entries to add after reset and step; `info` holds the existing ones."""
         return {}
 
@@ -240,11 +243,11 @@ class Format(Transformation):
     changes_observations = True
     replaces: tuple[str, ...] = ()  # parts to drop, unless `new_values` has them
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         """The spaces of the new parts, of one environment."""
         raise NotImplementedError
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         """The values of the new parts."""
         raise NotImplementedError
 
@@ -252,7 +255,7 @@ class Format(Transformation):
         kept = {name: space for name, space in self.env_description.parts().items() if name not in self.replaces}
         return spaces.Dict(kept | dict(self.new_spaces()))
 
-    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> dict[str, Batch]:
+    def observations(self, observations: Batches, state: EnvState) -> dict[str, Batch]:
         kept = {name: values for name, values in observations.items() if name not in self.replaces}
         return kept | dict(self.new_values(observations, state))
 

@@ -47,6 +47,8 @@ EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data
 DECIMALS = 6  # of returns, which sums of rewards have not exactly
 SQLITE_MAGIC = b"SQLite format 3\0"
 
+GymEnv = gym.Env[Any, Any]
+
 
 class DatasetError(ValueError):
     """Episodes that cannot become one data set, or a file that has none."""
@@ -141,13 +143,13 @@ def common_settings(sources: Sequence[Source]) -> EnvConfig:
     return first
 
 
-def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[str, gym.Env[Any, Any]]:
+def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[str, GymEnv]:
     """Environments by split, of `splits` and dev if it has tasks; their observations are in one of FORMS and one space.
 
     Raises ValueError for another form.
     """
     observation = choose("observation", form, {IMAGE: TEXT, TEXT: TEXT, STRUCTURED: ARRAYS, TOKENS: ARRAYS})
-    envs: dict[str, gym.Env[Any, Any]] = {}
+    envs: dict[str, GymEnv] = {}
     for split in dict.fromkeys((*splits, EVALUATION_SPLIT)):
         try:
             envs[split] = gym.make(settings.id, observation=observation, **settings.arguments(split))
@@ -164,7 +166,7 @@ def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[
 
 def rollouts(
     sources: Sequence[Source],
-    envs: Mapping[str, gym.Env[Any, Any]],
+    envs: Mapping[str, GymEnv],
     on_episode: Callable[[], object] = lambda: None,
     *,
     returns_to_go: bool = False,
@@ -183,9 +185,7 @@ def rollouts(
             on_episode()
 
 
-def _rollout(
-    source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
-) -> Rollout:
+def _rollout(source: Source, episode: Episode, env: GymEnv, solver: Solver | None, *, returns_to_go: bool) -> Rollout:
     base: Any = env.unwrapped
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
     left = iter(actions)
@@ -329,8 +329,8 @@ def check_minari(dataset_id: str) -> Path:
 def write_minari(
     dataset_id: str,
     played: Iterable[Rollout],
-    env: gym.Env[Any, Any],
-    eval_env: gym.Env[Any, Any],
+    env: GymEnv,
+    eval_env: GymEnv,
     agent: str,
     about: AnyMapping,
 ) -> None:
