@@ -52,7 +52,8 @@ class Forcing(Transformation):
         """Raises ValueError for an unknown mode or an evaluation split."""
         super().__init__(description)
         choose("mode", mode, {name: name for name in ("mask", "replace", "observe")})
-        self.adds_infos, self.changes_actions = mode == "mask", mode == "replace"
+        self.adds_infos = mode == "mask"
+        self.changes_actions = mode == "replace"
         self.changes_observations = self.uses_mdp_actions = mode == "observe"
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:

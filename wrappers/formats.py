@@ -110,7 +110,8 @@ class Planes(SceneFormat):
         sides = _SIDES[here[:, 4]]
         corners = here[:, :2] + np.stack([box * BOX_PITCH, np.zeros_like(box)], axis=1)  # (items, 2) on the image
         planes = self._count_planes(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
-        first, last = self._cells(corners), self._cells(corners + sides[:, None] - 1)
+        first = self._cells(corners)
+        last = self._cells(corners + sides[:, None] - 1)
         planes[:, OCCUPANCY] = self._occupancy(len(items), batch, first, last)
         return {PLANES: planes}
 
@@ -123,7 +124,8 @@ class Planes(SceneFormat):
     ) -> NDArray[np.uint8]:
         """(size, planes, rows, columns) numbers of items of each shape, colour and size centred in each cell."""
         shape = (size, PLANE_COUNT, self.rows, self.columns)
-        column, row = cells[:, :1], cells[:, 1:]
+        column = cells[:, :1]
+        row = cells[:, 1:]
         indices = (
             (batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row
         ) * self.columns + column

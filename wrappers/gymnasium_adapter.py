@@ -47,7 +47,9 @@ Settings = ParamSpec("Settings")
 AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo AEC or parallel environment
 
 # Gymnasium's info keys in autoreset mode SAME_STEP
-FINAL_OBS, HAS_FINAL_OBS, FINAL_INFO = "final_obs", "_final_obs", "final_info"
+FINAL_OBS = "final_obs"
+HAS_FINAL_OBS = "_final_obs"
+FINAL_INFO = "final_info"
 
 
 class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic[TransformationT]):
@@ -77,7 +79,8 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, AnyDict]:
         entries: Batches = {}
-        transformation, states = self.transformation, self._state.states
+        transformation = self.transformation
+        states = self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(stacked([action]), self._state)
             action = actions[0]
@@ -166,7 +169,8 @@ class VectorEnvWrapper(AnyVectorWrapper):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, AnyDict]:
         entries: Batches = {}
-        transformation, states = self.transformation, self._state.states
+        transformation = self.transformation
+        states = self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(actions, self._state)
         before = transformation.potentials(states()) if transformation.changes_rewards else None
@@ -272,7 +276,8 @@ class FinalEnvState(EnvState):
 
     def __init__(self, description: EnvDescription, env: Any, env_ids: Int64Array) -> None:
         super().__init__(description, env.unwrapped.last_states(env_ids))
-        self._env, self._env_ids = env, env_ids
+        self._env = env
+        self._env_ids = env_ids
 
     def action_masks(self) -> BoolArray:
         inner = next((layer for layer in layers(self._env) if isinstance(layer, VectorEnvWrapper)), None)

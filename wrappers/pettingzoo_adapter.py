@@ -79,7 +79,9 @@ class GameLayer:
         self.transformation = self._transformations[PROPOSER]
 
     def __call__(self, role: Role, observation: AgentObservation) -> AgentObservation:
-        transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
+        transformation = self._transformations[role]
+        parts = observation[PARTS]
+        mask = observation[MASK]
         legal = mask[None].astype(np.bool_)
         state = EnvState(transformation.env_description, (self._engine.state.mdp,), legal)
         if transformation.changes_observations:

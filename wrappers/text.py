@@ -104,7 +104,8 @@ class TextFormat(Transformation):
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
         masks = state.action_masks() if self._lists_legal else itertools.repeat(None)
-        dynamics, scene = self.env_description.dynamics, self._scene
+        dynamics = self.env_description.dynamics
+        scene = self._scene
         states = zip(state.states(), masks, strict=self._lists_legal)
         return tuple(text_of(dynamics, each, legal=mask, scene=scene) for each, mask in states)
 
@@ -126,7 +127,8 @@ def text_of(
 ) -> str:
     """A state as text. `legal`: the mask of the legal actions to list, if any; `scene`: of SCENE_STYLES; `rules`: with
     what `instructions` also states, the rewards, cells and the form of the answer."""
-    appearance, task = dynamics.appearance, state.task
+    appearance = dynamics.appearance
+    task = state.task
     return "\n".join(
         (
             f"Statement: {task.statement}",

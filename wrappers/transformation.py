@@ -94,7 +94,8 @@ class EnvDescription:
 def description_of(env: Any, wrapper: str) -> EnvDescription:
     """The description of `env` for `wrapper`. Raises WrongEnvironment for another package's environment."""
     base = env.unwrapped if isinstance(env, gym.Env | VectorEnv) else None
-    tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
+    tasks = getattr(base, "tasks", None)
+    dynamics = getattr(base, "dynamics", None)
     if tasks is None or dynamics is None:
         raise WrongEnvironment(
             f"{wrapper} wraps Gymnasium environments of this package, such as gymnasium.make(id), and batches, such as"
@@ -114,7 +115,8 @@ class EnvState:
     ) -> None:
         """`masks`: (B, actions) the legal actions, if the wrapped wrappers narrow them."""
         self._description = description
-        self._states, self._masks = states, masks
+        self._states = states
+        self._masks = masks
 
     def states(self) -> Sequence[State]:
         """One state per environment."""

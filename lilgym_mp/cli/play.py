@@ -219,7 +219,10 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
     partner = choose("partner", args.partner or PARTNERS[side], SCRIPTED)
     game = parallel_env(settings.id, protocol=args.protocol or "veto", **settings.arguments(split))
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
-    engine, lines, rng, rewards = game.engine, _input_lines(), np.random.default_rng(args.seed), np.zeros(len(AGENTS))
+    engine = game.engine
+    lines = _input_lines()
+    rng = np.random.default_rng(args.seed)
+    rewards = np.zeros(len(AGENTS))
     info: AnyDict = {}
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
     while engine.movers:

@@ -189,7 +189,9 @@ def _rollout(source: Source, episode: Episode, env: GymEnv, solver: Solver | Non
     base: Any = env.unwrapped
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
     left = iter(actions)
-    observations, legal, states = [], [], []
+    observations = []
+    legal = []
+    states = []
 
     def choose(observation: Any, info: AnyDict) -> int | None:
         observations.append(observation)

@@ -31,7 +31,8 @@ from lilgym_mp.solver import Solver
 
 TARGET_ONLY = "target-only"  # the baseline in every evaluation of verifiers
 NOISY_ORACLE = "oracle-10"
-GUIDE, BUILDER = "guide", "builder"
+GUIDE = "guide"
+BUILDER = "builder"
 SILENCED, RANDOM = MESSAGE_CHANGES = ("silenced", "random")
 SCRIPTED_PROPOSERS = ("expert", "expert-deceptive", "helpful", "deceptive", "random", BUILDER)
 
@@ -54,7 +55,8 @@ class ExpertProposer:
         return f"ExpertProposer({'by intent' if self._intent is None else self._intent.name.lower()})"
 
     def __call__(self, turn: PartnerTurn) -> int:
-        state, game = turn.state, turn.game
+        state = turn.state
+        game = turn.game
         first, length = self.plan(state.mdp)
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
         is_deceptive = (state.intent if self._intent is None else self._intent) is Intent.DECEPTIVE
@@ -91,14 +93,16 @@ class Guide(BatchPartner):
 
     def __init__(self, dynamics: Dynamics) -> None:
         """Raises ValueError for an appearance without a solver."""
-        self._dynamics, self._plan = dynamics, ExpertProposer(dynamics).plan
+        self._dynamics = dynamics
+        self._plan = ExpertProposer(dynamics).plan
 
     def __repr__(self) -> str:
         return "Guide()"
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) answers with messages. Raises PartnerError for a game with too few messages."""
-        needed, size = self._dynamics.appearance.action_count, turn.game.message_sizes[Role.VERIFIER]
+        needed = self._dynamics.appearance.action_count
+        size = turn.game.message_sizes[Role.VERIFIER]
         if size < needed:
             raise PartnerError(
                 f"{self!r} needs message_size {needed} for verifier_0, one for each edit and one for STOP; this game"
@@ -107,7 +111,8 @@ class Guide(BatchPartner):
         return np.array([self._answer(turn, index) for index in turn.indices.tolist()], np.int64)
 
     def _answer(self, turn: BatchTurn, index: int) -> int:
-        mdp, proposal = turn.games.mdp(index), int(turn.games.proposals[index])
+        mdp = turn.games.mdp(index)
+        proposal = int(turn.games.proposals[index])
         wanted, _ = self._plan(mdp)
         if turn.game.turn_based:
             accepts = proposal == wanted
@@ -136,7 +141,8 @@ class Builder(BatchPartner):
 
 def told_action(games: ObservedGames, index: int) -> int:
     """The MDP's action that the verifier's last message names; without one that is legal, the first legal action."""
-    count, message = games.game.dynamics.appearance.action_count, int(games.messages[Role.VERIFIER, index])
+    count = games.game.dynamics.appearance.action_count
+    message = int(games.messages[Role.VERIFIER, index])
     legal = games.legal()[index].copy()
     if not games.game.protocol.proposer_may_stop:
         legal[STOP_ACTION] = False
@@ -157,7 +163,8 @@ class ChangedMessages(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) actions with the partner's choices."""
-        actions, size = batch_actions(self._partner, turn), turn.game.message_sizes[turn.role] + 1
+        actions = batch_actions(self._partner, turn)
+        size = turn.game.message_sizes[turn.role] + 1
         speaks = actions < turn.game.choices[turn.role].stop * size  # not "wait", which has no message
         messages = (turn.uniform() * size).astype(np.int64) if self._change == RANDOM else np.zeros_like(actions)
         return np.where(speaks, actions // size * size + messages, actions)

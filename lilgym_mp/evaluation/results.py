@@ -148,7 +148,9 @@ class Result:
 
     def to_json(self) -> AnyDict:
         """The result as one row of a file; accuracies from 0 to 1, None if there are no episodes."""
-        summary, plan, settings = self.summary, self.plan, self.plan.settings
+        summary = self.summary
+        plan = self.plan
+        settings = self.plan.settings
         return {
             "agent": self.name,
             "configuration": settings.configuration,

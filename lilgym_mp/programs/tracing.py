@@ -129,6 +129,7 @@ def item_text(box_index: int, index: int, item: Item) -> str:
     colour = item.colour.name.lower()
     if index < len(LEVELS) and item == (BLOCK_X, LEVEL_Y[index], Shape.SQUARE, item.colour, Size.MEDIUM):
         return f"{colour} block {LEVELS[index]}"
-    middle_x, middle_y = box_index * BOX_PITCH + item.x + item.side // 2, item.y + item.side // 2
+    middle_x = box_index * BOX_PITCH + item.x + item.side // 2
+    middle_y = item.y + item.side // 2
     cell = f"column {middle_x // CELL_SIDE}, row {middle_y // CELL_SIDE}"
     return f"{item.size.name} {colour} {item.shape.name} at {cell}".lower()

@@ -83,7 +83,8 @@ class GameVecEnv(VecEnv):
             self._choose(np.flatnonzero(movers[self._other]))
         self._play(self._all)
         self._play_partner(self._all)
-        over, infos = ~movers.any(0), self._infos
+        over = ~movers.any(0)
+        infos = self._infos
         rewards = self._rows([self._returns[role] for role in self._roles]).astype(np.float32)
         if over.any():
             self._end(np.flatnonzero(over), infos)
@@ -96,7 +97,8 @@ class GameVecEnv(VecEnv):
 
     def _end(self, ended: Int64Array, infos: list[AnyDict]) -> None:
         """Completes the infos of games (k,) that have just ended, and starts others."""
-        last, rows = self._observations(ended), self._rows_of(ended)
+        last = self._observations(ended)
+        rows = self._rows_of(ended)
         for place, row in enumerate(rows):
             infos[row]["terminal_observation"] = {key: part[place] for key, part in last.items()}
             infos[row]["TimeLimit.truncated"] = not self._games.terminated[row // len(self._roles)]
@@ -105,7 +107,8 @@ class GameVecEnv(VecEnv):
     def _start(self, indices: Int64Array, options: Sequence[Any] | None = None) -> None:
         """Starts games (k,), again where one ends before a seat that learns has had a turn."""
         self._begin()
-        rows, game = self._rows_of(indices), self._games.game
+        rows = self._rows_of(indices)
+        game = self._games.game
         for _ in range(MAX_RESETS):
             chosen = [reset_options(options[index] if options else None) for index in indices.tolist()]
             drawn: list[tuple[int, int]] = []
@@ -120,7 +123,8 @@ class GameVecEnv(VecEnv):
             if not len(indices):
                 break
         else:
-            partner, agent = self._partner, AGENTS[self._roles[0]]
+            partner = self._partner
+            agent = AGENTS[self._roles[0]]
             raise RuntimeError(f"{agent} had no turn in {MAX_RESETS} games with partner {partner!r}")
         for row in rows:
             self.reset_infos[row] = self._infos[row]

@@ -43,7 +43,10 @@ OTHER_WORDS = (
     " vocabulary=Vocabulary(words), as recipe(...).env does, or pass words=env.get_attr('vocabulary')[0].words"
 )
 ELSE = "evaluate other models by lilgym_mp.evaluation.evaluate_wrapped"
-IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
+IMAGE = "image"
+ITEMS = "item_array"
+STATEMENT = "statement"
+TARGET = "target"
 
 
 class LilGymPolicy(MaskableActorCriticPolicy):
@@ -61,8 +64,10 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     ) -> None:
         """`settings`: `EnvConfig.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
-        self.settings, self.vocabulary = EnvConfig.from_json(settings), Vocabulary(tuple(words))
-        self._table, self._texts = BoxImageTable(), dict[bytes, str]()
+        self.settings = EnvConfig.from_json(settings)
+        self.vocabulary = Vocabulary(tuple(words))
+        self._table = BoxImageTable()
+        self._texts = dict[bytes, str]()
         self._versions: list[tuple[int, int]] = []  # of the parameters that made the cached encodings
         super().__init__(*args, **{"optimizer_kwargs": {"eps": 1e-5, "fused": True}, **kwargs})
 

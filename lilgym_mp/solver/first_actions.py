@@ -214,7 +214,8 @@ class ScatterBox:
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
         """The region (left, top, right, bottom); items outside it do not affect the edit."""
         width, height = self.editor.scatter.cell
-        x, y = edit.column * width - self.editor.index * BOX_PITCH, edit.row * height
+        x = edit.column * width - self.editor.index * BOX_PITCH
+        y = edit.row * height
         if isinstance(edit, AddItem):
             side = SIZE_PIXELS[edit.size]
             return x - CLEARANCE, y - CLEARANCE, x + width + side + CLEARANCE, y + height + side + CLEARANCE

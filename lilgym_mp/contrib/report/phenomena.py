@@ -268,7 +268,8 @@ def _has_boxes(nodes: Iterable[Node]) -> bool:
 
 def _selects_whole(left: Node, right: Node) -> bool:
     """Whether one side is a selection from the other; also for their counts."""
-    left, right = _counted_set(left) or left, _counted_set(right) or right
+    left = _counted_set(left) or left
+    right = _counted_set(right) or right
     return any(
         _renamed(source) == _renamed(whole)
         for part, whole in ((left, right), (right, left))

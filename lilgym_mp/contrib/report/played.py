@@ -34,7 +34,8 @@ def conversations(directory: Path) -> Recording:
         summary = read_json(directory / SUMMARY)
         given = summary["settings"]
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
-        split, option = given["split"], dict(given["option"])
+        split = given["split"]
+        option = dict(given["option"])
         tasks = settings.tasks(split)
         if given["tasks_sha256"] != tasks.provenance.sha256:
             raise ValueError(f"was played with other tasks than those of {tasks.provenance}")

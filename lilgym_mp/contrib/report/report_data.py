@@ -264,7 +264,8 @@ def _curve(directory: Path) -> TrainingCurve:
     """The curve of the run in this directory. Raises ReportError if one of its files is damaged."""
     try:
         run = begin_run(directory, {}, resume=True)
-        identity, environment = run.identity, run.identity.get("environment", {})
+        identity = run.identity
+        environment = run.identity.get("environment", {})
         learner = str(identity.get("learner"))
         configuration = environment.get("configuration", "")
         if configuration not in ("", *CONFIGURATIONS):

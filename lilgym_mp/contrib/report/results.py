@@ -147,7 +147,8 @@ def basis(data: ReportData) -> Iterator[Item]:
 
 
 def _basis_row(entry: AgentResults) -> list[Cell]:
-    header, headers = entry.header, [run.header for run in entry.runs]
+    header = entry.header
+    headers = [run.header for run in entry.runs]
 
     def mean_of(key: str) -> float | None:
         values = [one.training[key] for one in headers if key in one.training]

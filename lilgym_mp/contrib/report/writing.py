@@ -90,9 +90,12 @@ def _template() -> Any:
 def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]], template: Any) -> None:
     for name in (FIGURES, TABLES):
         (directory / name).mkdir()
-    corpus, summary, subtitle = "two agents", "", f"Pairs of agents: {len(data.games)}."
+    corpus = "two agents"
+    summary = ""
+    subtitle = f"Pairs of agents: {len(data.games)}."
     if data.entries:
-        settings, summary = data.header.settings, " ".join(results.summary(data))
+        settings = data.header.settings
+        summary = " ".join(results.summary(data))
         corpus = f"{settings.corpus} corpus"
         counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
         places = f"configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)}"

@@ -125,7 +125,9 @@ def _plans(appearance: str, lengths: range, rng: random.Random) -> _Variants:
 def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task) -> Iterator[tuple[Scene, int]]:
     """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it nearer to
     the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
-    sampler, solver, dynamics = sampler_of(appearance), solver_of(appearance), dynamics_of(appearance)
+    sampler = sampler_of(appearance)
+    solver = solver_of(appearance)
+    dynamics = dynamics_of(appearance)
     min_edits = max(lengths.start - 1, 2)
     # The scene to change next, and how far at least it is from the goal
     near = None

@@ -161,7 +161,8 @@ class Conversation:
         before = self.state
         problem = unusual_end(finish_reason) or (None if parsed.understood else NOT_UNDERSTOOD)
         if problem is None:
-            self._failed, action = 0, appearance.decode(parsed.action)
+            self._failed = 0
+            action = appearance.decode(parsed.action)
             moved = self._dynamics.step(self.state, action)
             self.state = moved.state
             self.done = moved.result.ends
@@ -170,7 +171,8 @@ class Conversation:
         else:
             self._failed += 1
             self.done = self._failed > self.retries
-            name, outcome = None, problem
+            name = None
+            outcome = problem
         again = name is None and not self.done
         judged = credit(self.row.appearance, before, self.state, outcome, asked_again=again)
         if self.done:

@@ -308,7 +308,8 @@ class Writer:
 
     def lower_bound(self, low: int) -> str:
         """Words for `low` or more."""
-        number, before = self.number(low), self.number(low - 1)
+        number = self.number(low)
+        before = self.number(low - 1)
         if self.style.bare_number_is_bound and self.chance(0.5):
             return number
         draw = self.rng.random()

@@ -378,7 +378,8 @@ class Generator:
         index = f"i{self.variables}"
         item = ir.ItemRef(ir.LoopIndex(index), part.box)
         bound: ir.Scope = {**scope, function.parameter: item}
-        max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
+        max_runs = self.max_runs
+        self.max_runs = self.max_runs * box_functions.MAX_BOX_ITEMS
         self.charge_lambda(function.body)
         masks, rest = self.split(function, item, bound, strict=strict)
         for mask in masks:

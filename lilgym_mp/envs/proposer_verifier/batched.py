@@ -109,7 +109,8 @@ class BatchedGames:
             Observations by agent, and infos.
         """
         check_open(closed=self._is_closed)
-        seed, (choice, intent) = checked_seed(seed), reset_options(options)
+        seed = checked_seed(seed)
+        choice, intent = reset_options(options)
         task = None if choice is None else self._games.index_of(choice)
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + index for index in range(self.num_games)]
@@ -125,7 +126,8 @@ class BatchedGames:
 
     def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
-        game, generators = self._game, [self._generators[index] for index in indices.tolist()]
+        game = self._game
+        generators = [self._generators[index] for index in indices.tolist()]
         if task is None and self._sampler is not None:
             tasks = self._sampled(indices)
         else:
@@ -137,7 +139,8 @@ class BatchedGames:
     def _sampled(self, indices: Int64Array) -> Int64Array:
         """(k,) the sampler's tasks for games (k,). Raises ValueError for anything but k task indices."""
         assert self._sampler is not None
-        tasks, count = np.asarray(self._sampler(indices)), len(self.tasks)
+        tasks = np.asarray(self._sampler(indices))
+        count = len(self.tasks)
         if tasks.shape != indices.shape or tasks.dtype.kind not in "iu" or ((tasks < 0) | (tasks >= count)).any():
             raise ValueError(f"the sampler must return {len(indices)} task indices 0 .. {count - 1}, not {tasks!r}")
         return tasks.astype(np.int64, copy=False)
@@ -163,7 +166,8 @@ class BatchedGames:
         games.step(proposers, verifiers)
         self._own_turn_rewards = np.where(moved, 0.0, self._own_turn_rewards) + games.rewards
         rewards: dict[str, NDArray[np.float64]] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
-        terminated, truncated = games.terminated.copy(), games.truncated.copy()
+        terminated = games.terminated.copy()
+        truncated = games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
         infos: AnyDict = {
             "own_turn_rewards": self._own_turn_rewards.T.copy(),

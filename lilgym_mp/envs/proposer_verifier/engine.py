@@ -131,7 +131,8 @@ class GameEngine:
             self.games = ObservedGames(game, 1)
         chosen = None if choice is None else self.games.index_of(choice)
         if seed is not None:
-            (self._rng, _), self._is_seeded = seeding.np_random(seed), True
+            self._rng, _ = seeding.np_random(seed)
+            self._is_seeded = True
         task = game.sample_task_index(self.rng) if chosen is None else chosen
         intent = game.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
@@ -150,7 +151,8 @@ class GameEngine:
         Raises ResetNeeded before reset and after the end, TurnError for None from an agent that is to move, ActionError
         for an action outside the action space.
         """
-        games, movers = self.games, self.movers
+        games = self.games
+        movers = self.movers
         if not movers or self._is_closed:
             self._check_started()
             raise ResetNeeded("the game is over; call reset before acting")
@@ -202,7 +204,9 @@ class GameEngine:
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        mdp, outcome, horizon = self.state.mdp, self.games.last_outcome(0), self.game.dynamics.horizon
+        mdp = self.state.mdp
+        outcome = self.games.last_outcome(0)
+        horizon = self.game.dynamics.horizon
         lines = [
             mdp.task.statement,
             f"Make it {str(mdp.task.target).lower()}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
@@ -325,7 +329,8 @@ class BaseGameEnv:
 
     def read_action(self, agent: str, name: str) -> int:
         """The inverse of `describe_action`, ignoring case and white space. Raises ActionError."""
-        game, role = self.engine.game, role_of(agent)
+        game = self.engine.game
+        role = role_of(agent)
         names = [game.describe(role, action) for action in range(game.action_counts[role])]
         known = list(map(_normalised, names))
         if _normalised(name) not in known:

@@ -106,18 +106,21 @@ def _play_batch(
     game: Game, partners: tuple[Partner, Partner], tasks: Int64Array, numbers: Int64Array, seed: int
 ) -> list[GameRecord]:
     """The records of games (k,) of these tasks and numbers; a game that has ended goes on, unrecorded."""
-    count, games = len(tasks), ObservedGames(game, len(tasks))
+    count = len(tasks)
+    games = ObservedGames(game, len(tasks))
     rngs = [np.random.default_rng([seed, number]) for number in numbers.tolist()]
     intents = np.array([int(game.sample_intent(rng)) for rng in rngs], np.int64)
     games.start(np.arange(count), tasks, intents)
-    returns, judgements = np.zeros((len(Role), count)), [list[Judgement]() for _ in rngs]
+    returns = np.zeros((len(Role), count))
+    judgements = [list[Judgement]() for _ in rngs]
     records: dict[int, GameRecord] = {}
     active = np.ones(count, np.bool_)
     illegal = game.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
 
     def record(index: int, outcome: Outcome | str) -> None:
         task = game.tasks[int(tasks[index])]
-        earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
+        earned = tuple(returns[:, index].tolist())
+        rounds = int(games.rounds[index])
         judged = tuple(judgements[index])
         records[index] = GameRecord(task.id, task.statement, task.target, outcome, rounds, earned, judged)
 
@@ -192,7 +195,9 @@ def claim_rates(counts: Float64Array) -> dict[str, Float64Array]:
     """(...) the rates from counts (..., 6); NaN without games, or true or false claims, to compute them from."""
     games, successes, true, true_accepted, false, false_accepted = np.moveaxis(counts, -1, 0)
     with np.errstate(invalid="ignore"):
-        success, true_accepts, false_accepts = successes / games, true_accepted / true, false_accepted / false
+        success = successes / games
+        true_accepts = true_accepted / true
+        false_accepts = false_accepted / false
     names = ("success_rate", "true_accept_rate", "false_accept_rate", "j")
     return dict(zip(names, (success, true_accepts, false_accepts, true_accepts - false_accepts), strict=True))
 

@@ -276,7 +276,8 @@ class ClaimingProposer:
     intent: Intent | None = None
 
     def __call__(self, turn: PartnerTurn) -> int:
-        state, game = turn.state, turn.game
+        state = turn.state
+        game = turn.game
         seeks_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
         edits = state.mdp.steps
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)

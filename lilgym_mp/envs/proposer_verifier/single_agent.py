@@ -95,14 +95,17 @@ class SingleAgentView(gym.Env[AnyDict, int]):
             PartnerError: For an illegal action of the partner.
             ResetNeeded: Before reset and after the end.
         """
-        engine, role = self.engine, self._role
+        engine = self.engine
+        role = self._role
         actions = {role: engine.game.checked_action(role, action)}
         if role.other in engine.movers:
             actions[role.other] = self._partner_action()
-        self._reward, self._info = 0.0, {}
+        self._reward = 0.0
+        self._info = {}
         self._play(actions)
         self._play_partner()
-        terminated, truncated = bool(engine.games.terminated[0]), bool(engine.games.truncated[0])
+        terminated = bool(engine.games.terminated[0])
+        truncated = bool(engine.games.truncated[0])
         return self.observe(role)[PARTS], self._reward, terminated, truncated, self._info
 
     def _play(self, actions: dict[Role, int]) -> None:

@@ -123,7 +123,10 @@ class ProgramTrainer:
 
     def _sampled(self) -> Iterator[tuple[Tensor, Tensor, Slots]]:
         """Infinite `_batch`es of pairs of similar length; the fraction of generated ones falls linearly."""
-        recipe, size, rng, generated = self._recipe, self._recipe.batch_size, self._rng, self._generated
+        recipe = self._recipe
+        size = self._recipe.batch_size
+        rng = self._rng
+        generated = self._generated
         while True:
             fraction = recipe.generated * (1 + (FINAL_GENERATED - 1) * self._done) if generated else 0.0
             chosen = (generated if generated and rng.random() < fraction else self._corpus for _ in range(POOL * size))

@@ -24,7 +24,8 @@ class Recipe:
     def __post_init__(self) -> None:
         """Raises ValueError naming the first setting out of bounds, its value and its bounds or choices."""
         for each in self.settings():
-            value, (lowest, highest) = getattr(self, each.name), each.metadata["bounds"]
+            value = getattr(self, each.name)
+            lowest, highest = each.metadata["bounds"]
             name = self.dashes + flag_name(option_name(each))
             if each.metadata["choices"]:
                 choose(name, value, dict.fromkeys(each.metadata["choices"]))

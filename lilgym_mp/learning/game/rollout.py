@@ -78,7 +78,9 @@ class Rollout:
     ) -> None:
         """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0.
         `central`: whether there is a critic that sees everything."""
-        self.game, self.table, self.statements = game, BoxImageTable(), statements
+        self.game = game
+        self.table = BoxImageTable()
+        self.statements = statements
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
         self.verdicts = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
@@ -141,7 +143,9 @@ class RolloutPlayer:
         partners: Mapping[Role, Sequence[Partner]],
     ) -> None:
         """`game`: of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
-        self._game, self._recipe, self._partners = game, recipe, partners
+        self._game = game
+        self._recipe = recipe
+        self._partners = partners
         self._arrays = ObservedGames(game, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
@@ -152,9 +156,11 @@ class RolloutPlayer:
     @torch.no_grad()
     def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
-        recipe, arrays = self._recipe, self._arrays
+        recipe = self._recipe
+        arrays = self._arrays
         legal = arrays.game.dynamics.appearance.action_count if recipe.mask else 0
-        turns, central = recipe.rollout // recipe.envs, recipe.critic == "central"
+        turns = recipe.rollout // recipe.envs
+        central = recipe.critic == "central"
         rollout = Rollout(arrays.game, self._sampler.statements, turns, recipe.envs, legal, central=central)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
@@ -169,8 +175,10 @@ class RolloutPlayer:
             actions = self._act(rollout, turn, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = rollout.ended[turn] = arrays.terminated | arrays.truncated
-            rollout.rewards[:, turn], rollout.successes[turn] = arrays.rewards, arrays.successes
-            rollout.verdicts[turn], rollout.holds[turn] = arrays.verdicts, arrays.holds
+            rollout.rewards[:, turn] = arrays.rewards
+            rollout.successes[turn] = arrays.successes
+            rollout.verdicts[turn] = arrays.verdicts
+            rollout.holds[turn] = arrays.holds
             items.append(claimed[over & (arrays.verdicts != NO_CHOICE)])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
@@ -219,11 +227,13 @@ class RolloutPlayer:
             for seen in rollout.seen:
                 situation = self._situation(rollout, seen, role, moving, latest)
                 situations.append(situation)
-                seen.boxes_of[own], seen.context[own] = situation.boxes_of, situation.context
+                seen.boxes_of[own] = situation.boxes_of
+                seen.context[own] = situation.context
             latest = None if arrays.game.turn_based else situations[0]
             legal = None
             if role is Role.PROPOSER and self._recipe.mask:
-                masks, refused = arrays.masks(role, moving), situations[0].context[:, REFUSED] - 1
+                masks = arrays.masks(role, moving)
+                refused = situations[0].context[:, REFUSED] - 1
                 legal = rollout.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
             policy, values = evaluate(role, situations, legal)
             chosen = policy.act(lambda part: part.sample(rng))
@@ -237,18 +247,22 @@ class RolloutPlayer:
         self, rollout: Rollout, seen: Seen, role: Role, indices: Int64Array, latest: Situation | None = None
     ) -> Situation:
         """What an agent in games (k,) sees, or a critic beside it. `latest`: what the other one has seen there."""
-        game, arrays = seen.game, self._arrays
+        game = seen.game
+        arrays = self._arrays
         items, context = read_situations(arrays, role, indices, game)
         if latest is not None and game is arrays.game and game.views[0] == game.views[1]:
             return latest._replace(context=context)  # so that a shared network encodes its states once
-        tasks, boxes_of = arrays.tasks[indices], rollout.table.item_indices(items)
-        statements, targets = self._sampler.statement_of[tasks], self._targets[tasks]
+        tasks = arrays.tasks[indices]
+        boxes_of = rollout.table.item_indices(items)
+        statements = self._sampler.statement_of[tasks]
+        targets = self._targets[tasks]
         return Situation(rollout.states(game, role, statements, boxes_of, targets), boxes_of, context)
 
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:
     """(k, actions of the MDP) the choices of a proposer with masks (k, actions), whatever the message."""
-    sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.dynamics.appearance.action_count
+    sizes = game.message_sizes[Role.PROPOSER] + 1
+    choices = game.dynamics.appearance.action_count
     return without_refused(masks[:, : choices * sizes : sizes].astype(np.bool_), refused)
 
 
@@ -266,16 +280,27 @@ def own_turn_advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> tu
     An own turn earns the rewards up to the agent's next own turn, or to the end of the game. The last one of a game
     still going on is incomplete if its successor is not known, and then only lends its value to the one before.
     """
-    advantages, complete = np.zeros_like(rollout.values), np.zeros_like(rollout.acted)
-    next_values, next_advantages = rollout.last_values, np.zeros_like(rollout.last_values)
-    rewards, continues, known = np.zeros_like(next_values), np.ones_like(rollout.to_move), rollout.to_move
+    advantages = np.zeros_like(rollout.values)
+    complete = np.zeros_like(rollout.acted)
+    next_values = rollout.last_values
+    next_advantages = np.zeros_like(rollout.last_values)
+    rewards = np.zeros_like(next_values)
+    continues = np.ones_like(rollout.to_move)
+    known = rollout.to_move
     for turn in range(len(rollout.ended) - 1, -1, -1):
-        over, acted, values = rollout.ended[turn], rollout.acted[:, turn], rollout.values[:, turn]
+        over = rollout.ended[turn]
+        acted = rollout.acted[:, turn]
+        values = rollout.values[:, turn]
         rewards = np.where(over, 0, rewards) + rollout.rewards[:, turn]
-        continues, known = continues & ~over, known | over
+        continues = continues & ~over
+        known = known | over
         delta = rewards + gamma * next_values * continues - values
         found = np.where(known, delta + gamma * gae_lambda * continues * next_advantages, 0)
-        advantages[:, turn], complete[:, turn] = np.where(acted, found, 0), acted & known
-        next_values, next_advantages = np.where(acted, values, next_values), np.where(acted, found, next_advantages)
-        rewards, continues, known = np.where(acted, 0, rewards), continues | acted, known | acted
+        advantages[:, turn] = np.where(acted, found, 0)
+        complete[:, turn] = acted & known
+        next_values = np.where(acted, values, next_values)
+        next_advantages = np.where(acted, found, next_advantages)
+        rewards = np.where(acted, 0, rewards)
+        continues = continues | acted
+        known = known | acted
     return advantages, complete

@@ -39,7 +39,8 @@ from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, Seen, Situat
 from lilgym_mp.learning.game.situations import check_claims
 from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array
 
-TEXT_LAYERS, HEADS = 1, 2
+TEXT_LAYERS = 1
+HEADS = 2
 MOST_UNFINISHED = 0.1  # share of games without an end in a rollout; with more, a run warns
 
 
@@ -143,10 +144,12 @@ class GameRun(TrainingRun):
 
     def _make_networks(self, given: Mapping[str, BoxTransformer], game: Game) -> dict[str, GameNetwork]:
         """The agents' networks by name, which start with the weights given."""
-        recipe, vocabulary = self.recipe, Vocabulary.from_statements(self.tasks.statements)
+        recipe = self.recipe
+        vocabulary = Vocabulary.from_statements(self.tasks.statements)
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         for network in given.values():
-            vocabulary, sizes = network.vocabulary, network.sizes
+            vocabulary = network.vocabulary
+            sizes = network.sizes
             if recipe.width != sizes["width"]:
                 raise ValueError(f"the agents to start from have width {sizes['width']}, not {recipe.width}")
         names = dict.fromkeys(network_names(self.roles, recipe).values())
@@ -158,7 +161,8 @@ class GameRun(TrainingRun):
         return networks
 
     def introduction(self) -> str:
-        settings, recipe = self.settings, self.recipe
+        settings = self.settings
+        recipe = self.recipe
         learners = [AGENTS[role] for role in self.roles]
         learning = f"{learners[0]} learns" if len(learners) == 1 else f"{' and '.join(learners)} learn"
         return (
@@ -188,7 +192,8 @@ class GameRun(TrainingRun):
 
     def step(self) -> GameProgress:
         """Plays a rollout and learns from it."""
-        start, entropy_coefficient = self.seconds(), 0.0
+        start = self.seconds()
+        entropy_coefficient = 0.0
         for optimiser in self._optimisers.values():
             entropy_coefficient = schedule(optimiser, self.recipe, self.progress())
         self.networks.eval()
@@ -255,7 +260,8 @@ class GameRun(TrainingRun):
     ) -> tuple[Situation, Int64Array]:
         """What was seen in m turns, with distinct states alone, and which of them each turn has (m,)."""
         turns, games = np.divmod(cells, rollout.ended.shape[1])
-        boxes_of, context = seen.boxes_of[role_of, turns, games], seen.context[role_of, turns, games]
+        boxes_of = seen.boxes_of[role_of, turns, games]
+        context = seen.context[role_of, turns, games]
         state_keys = cells  # with equal views both agents see one state in a turn
         if seen.game.views[0] != seen.game.views[1]:
             state_keys = cells + role_of * rollout.ended.size
@@ -269,7 +275,8 @@ class GameRun(TrainingRun):
         if Role.VERIFIER not in self.roles or not self.recipe.learns_claims:
             return []
         name = self._network_of[Role.VERIFIER]
-        network, optimiser = self._actors[name], self._optimisers[name]
+        network = self._actors[name]
+        optimiser = self._optimisers[name]
         self._memory.add(rollout.claims)
         found: list[tuple[float, float]] = []
         for claims in self._memory.batches(self._rng):
@@ -281,7 +288,9 @@ class GameRun(TrainingRun):
     def _progress(
         self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
     ) -> GameProgress:
-        count, counters, seconds = int(rollout.ended.sum()), self.counters, self.seconds()
+        count = int(rollout.ended.sum())
+        counters = self.counters
+        seconds = self.seconds()
         counters.games += count
         true, false, j = (None if np.isnan(rate) else rate for rate in rollout.claim_rates())
         loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
@@ -333,7 +342,10 @@ class GameRun(TrainingRun):
 
     def finish(self) -> GameAgent:
         """The agents that learned."""
-        settings, recipe, counters, actors = self.settings, self.recipe, self.counters, self._actors
+        settings = self.settings
+        recipe = self.recipe
+        counters = self.counters
+        actors = self._actors
         network = next(iter(actors.values()))
         programs = ", and programs to exchange colours" if recipe.recolour else ""
         supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
@@ -368,7 +380,8 @@ class _MixedPolicy(NamedTuple):
         log_probs = entropies = torch.zeros(len(actions), device=actions.device)
         for rows, policy in self.policies:
             found, entropy = policy.evaluate_actions(actions[rows])
-            log_probs, entropies = log_probs.index_copy(0, rows, found), entropies.index_copy(0, rows, entropy)
+            log_probs = log_probs.index_copy(0, rows, found)
+            entropies = entropies.index_copy(0, rows, entropy)
         return log_probs, entropies
 
 
@@ -389,7 +402,8 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
         return partner
     agent = load_agent(agent_file(given), device)
     for name in ("appearance", "protocol", "grid"):
-        own, wanted = getattr(agent.settings, name), getattr(settings, name)
+        own = getattr(agent.settings, name)
+        wanted = getattr(settings, name)
         if own != wanted:
             raise AgentError(f"{given}: trained on {name} {own!r}; this game has {wanted!r}")
     if agent.settings.message_sizes() != settings.message_sizes():

@@ -206,7 +206,8 @@ class StopRulePolicy(Policy):
         policy = self._policy
         dynamics = self._dynamics
         if self.needs_states:
-            scenes, unread = [state.scene for state in observations.states], list[int]()
+            scenes = [state.scene for state in observations.states]
+            unread = list[int]()
         else:
             scenes, unread = _scenes(observations.images, dynamics.appearance.name)
         self._latest = observations.statements, policy.table.indices(scenes), observations.targets

@@ -303,7 +303,8 @@ class ImitationRun(TrainingRun):
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():
-            rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT), None
+            rules[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT)
+            accuracies[name] = None
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
                 rules[name], accuracies[name] = tune_stop_rule(self._policy, self._played, chosen, self._rng)

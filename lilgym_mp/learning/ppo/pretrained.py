@@ -190,7 +190,8 @@ class FrozenBert:
     def __init__(self, path: Path) -> None:
         from transformers import BertModel  # pyright: ignore[reportMissingImports]
 
-        self.path, self.digest = path, weights_digest(path)
+        self.path = path
+        self.digest = weights_digest(path)
         self._tokenizer = _tokenizer(path)
         self._network = _pretrained_network(BertModel.from_pretrained, path, add_pooling_layer=False).eval()
         self.width = int(self._network.config.hidden_size)

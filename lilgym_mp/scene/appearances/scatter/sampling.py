@@ -63,7 +63,8 @@ class ScatterSampler:
     def addition(self, rng: random.Random, item_types: ItemTypes, box: int) -> AddItem:
         shapes, colours, sizes = item_types
         rows, columns = CELLS.box_shape
-        x, y = rng.randrange(columns) * CELLS.size[0], rng.randrange(rows) * CELLS.size[1]
+        x = rng.randrange(columns) * CELLS.size[0]
+        y = rng.randrange(rows) * CELLS.size[1]
         return AddItem(*CELLS.at(box, x, y), rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
 
     def removal(self, successor: Scene, box: int) -> RemoveItem:
@@ -112,7 +113,8 @@ def _random_position(rng: random.Random, side: int, others: tuple[Item, ...], pl
         case "beside" if others:
             other = rng.choice(others)
             slide = rng.randint(-side // 2, other.side // 2)
-            before, after = -side - gap, other.side + gap
+            before = -side - gap
+            after = other.side + gap
             dx, dy = rng.choice(((before, slide), (after, slide), (slide, before), (slide, after)))
             return other.x + dx, other.y + dy
         case _:
