@@ -17,9 +17,9 @@ from lilgym_mp.programs import (
     ProgramError,
     ProgramRuntimeError,
     StepLimitError,
-    bounded_truths,
     compile_program,
 )
+from lilgym_mp.programs.reference import bounded_truths
 from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.scene import BOX_COUNT, Scene
 
