@@ -38,7 +38,13 @@ UNREADABLE = -1  # instead of an action: a line that has the form of one, but na
 
 # Thoughts, which are not read. A name stands for its tags, such as <think>, <seed:think>, <|think|> and [THINK].
 THOUGHTS: tuple[str, ...] = (
-    *("think", "thinking", "thought", "thoughts", "reasoning", "analysis", "scratchpad"),
+    "think",
+    "thinking",
+    "thought",
+    "thoughts",
+    "reasoning",
+    "analysis",
+    "scratchpad",
     "<|begin_of_thought|>...<|end_of_thought|>",
     "<|START_THINKING|>...<|END_THINKING|>",
     "<|channel|>analysis...<|channel|>final<|message|>",

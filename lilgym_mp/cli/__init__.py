@@ -29,8 +29,17 @@ from lilgym_mp.submodules import submodule_getter
 
 # Modules of this package, in the order of --help.
 COMMANDS = (
-    *("play", "train", "evaluate", "report", "experiment"),
-    *("explain", "solve", "data", "llm", "bench", "serve"),
+    "play",
+    "train",
+    "evaluate",
+    "report",
+    "experiment",
+    "explain",
+    "solve",
+    "data",
+    "llm",
+    "bench",
+    "serve",
 )
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out

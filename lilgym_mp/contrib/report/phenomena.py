@@ -365,8 +365,16 @@ def ambiguous_preposition(statement: str) -> bool:
 RULES: Mapping[str, Callable[[Node], bool]] = {
     rule.__name__.replace("_", " "): rule
     for rule in (
-        *(existence, exact_cardinality, soft_cardinality, universal, coordination, negation, comparison),
-        *(spatial_relation, presupposition, coreference),
+        existence,
+        exact_cardinality,
+        soft_cardinality,
+        universal,
+        coordination,
+        negation,
+        comparison,
+        spatial_relation,
+        presupposition,
+        coreference,
     )
 }
 """For each semantic phenomenon, whether the syntax tree of a program shows it."""
