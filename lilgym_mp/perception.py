@@ -149,7 +149,7 @@ def _coverage(pixels: bytes, index: int, shrink: int) -> UInt8Array:
     """(colours, height, PITCH / shrink) in the region of a box. Raises PerceptionError for a pixel of no scene."""
     codes, coverages = _coverages_by_code(shrink)
     shown = np.frombuffer(pixels, np.uint8).reshape(IMAGE_HEIGHT // shrink, -1, 3)
-    outside = np.ones(shown.shape[1], np.bool_)
+    outside = np.ones(shown.shape[1], bool)
     outside[MARGIN // shrink : -MARGIN // shrink] = False
     found = _codes(shown.astype(np.int64), on_separator=outside.astype(np.int64))
     places = np.searchsorted(codes, found).clip(max=len(codes) - 1)

@@ -205,7 +205,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         if not self.transformation.adds_infos:
             return infos
         added = self.transformation.added_infos(infos, self._state)
-        return {**infos, **added, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in added}}
+        return {**infos, **added, **{f"_{name}": np.ones(self.num_envs, bool) for name in added}}
 
     def _with_transformed_finals(self, infos: AnyDict) -> AnyDict:
         """The infos with transformed final observations and infos of episodes that ended."""

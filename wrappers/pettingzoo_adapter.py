@@ -10,7 +10,6 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
-import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.envs.observation import row_of
@@ -82,7 +81,7 @@ class GameLayer:
         transformation = self._transformations[role]
         parts = observation[PARTS]
         mask = observation[MASK]
-        legal = mask[None].astype(np.bool_)
+        legal = mask[None].astype(bool)
         state = EnvState(transformation.env_description, (self._engine.state.mdp,), legal)
         if transformation.changes_observations:
             batch = transformation.observations(stacked([parts]), state)

@@ -37,7 +37,7 @@ MAX_LINE = 200  # a longer line names no action
 UNREADABLE = -1  # instead of an action: a line that has the form of one, but names none
 
 # Thoughts, which are not read. A name stands for its tags, such as <think>, <seed:think>, <|think|> and [THINK].
-THOUGHTS: tuple[str, ...] = (
+THOUGHTS = (
     "think",
     "thinking",
     "thought",

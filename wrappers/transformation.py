@@ -156,7 +156,7 @@ class EnvState:
 
     def goal_reached(self) -> BoolArray:
         """(B,) whether STOP would succeed now."""
-        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], np.bool_)
+        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], bool)
 
 
 class Transformation:

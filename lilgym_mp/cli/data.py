@@ -196,8 +196,8 @@ def _permute(args: argparse.Namespace) -> int:
     before = after = 0
     for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.split):
         permuted = with_permuted_boxes(tasks, distinct=True)
-        before = before + len(tasks)
-        after = after + len(permuted)
+        before += len(tasks)
+        after += len(permuted)
         entries += flipit_entries(permuted)
     _write_corpus(args, f"{args.corpus}, boxes in every order", entries)
     print(f"{len(entries)} statements, {before} start scenes permuted into {after}")

@@ -25,7 +25,7 @@ VERSION = 1
 _LETTER = r"(?:[^\W_]|[\u0300-\u036f\u0591-\u05c7\u0610-\u061a\u064b-\u0670\u0900-\u0963\u0970-\u0e4e\u200c\u200d])"
 _WORD = re.compile(rf"[^\W_]{_LETTER}*(?:['\u2019]{_LETTER}+)*")
 NUMERALS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-_PLACEHOLDERS: dict[str, str] = {
+_PLACEHOLDERS = {
     **dict.fromkeys(("yellow", "black", "blue"), "COLOUR"),
     **dict.fromkeys(("circle", "circles", "square", "squares", "triangle", "triangles"), "SHAPE"),
     **dict.fromkeys(("small", "medium", "big", "large"), "SIZE"),

@@ -5,7 +5,7 @@ It is the same in one process and in many: an environment's results depend only 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.arrays import AnyMapping, Int64Array
 from lilgym_mp.scene.choices import choose
 
-AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
+AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action
 
 
@@ -119,8 +119,8 @@ class Engine:
         self._generators: list[np.random.Generator | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
         self._episodes = np.zeros(count, np.int64)  # number of tasks started in the evaluation
-        self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
-        self._use_second = np.zeros(count, np.bool_)  # which of its two indices an environment uses next for a new task
+        self._repeats = np.zeros(count, bool)  # whether the current episode's task was evaluated before
+        self._use_second = np.zeros(count, bool)  # which of its two indices an environment uses next for a new task
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks; all environments must be reset next."""

@@ -191,7 +191,7 @@ class AgentPartner(BatchPartner):
             np.array([state.steps for state in states]),
             turn.episodes,
         )
-        legal = games.legal()[indices] if self._policy.needs_masks else np.zeros((len(states), 0), np.bool_)
+        legal = games.legal()[indices] if self._policy.needs_masks else np.zeros((len(states), 0), bool)
         chosen = self._policy(observations, legal, turn.rngs[0])
         if turn.role is Role.PROPOSER:
             actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen

@@ -167,7 +167,7 @@ class NamedPolicy:
 _SAMPLED = {"actions": "sampled"}
 
 # By name on the command line.
-BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
+BUILT_IN_POLICIES = {
     "expert": NamedPolicy("expert", ExpertPolicy, "knows the rules, the scene and the program"),
     "random-legal": NamedPolicy("random legal", lambda settings: random_legal, details=_SAMPLED),
     "random-unmasked": NamedPolicy("random unmasked", lambda settings: random_unmasked, mask=False, details=_SAMPLED),

@@ -98,7 +98,7 @@ def play_tasks(
             playing[active],
             [states[env_id] for env_id in env_ids] if states else (),
         )
-        legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), np.bool_)
+        legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), bool)
         actions = np.zeros(len(playing), np.int64)
         actions[active] = checked_actions(policy(inputs, legal, rng), len(active))
         made: Sequence[Decision | None] = [None] * len(active)

@@ -183,7 +183,7 @@ class GameVecEnv(VecEnv):
 
     def action_masks(self) -> np.ndarray:
         """(rows, actions) bool: the legal actions; out of turn "wait" alone."""
-        return self._rows([self._games.masks(role, self._all) for role in self._roles]).astype(np.bool_)
+        return self._rows([self._games.masks(role, self._all) for role in self._roles]).astype(bool)
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> Any:
         """The rows' "action_masks". Raises AttributeError for another method."""
@@ -267,5 +267,5 @@ class InfoMasks(VecEnvWrapper):
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> Any:
         """The rows' "action_masks", or another method of `venv`."""
         if method_name == "action_masks":
-            return [self._masks[row].astype(np.bool_) for row in self._get_indices(indices)]
+            return [self._masks[row].astype(bool) for row in self._get_indices(indices)]
         return self.venv.env_method(method_name, *args, indices=indices, **kwargs)

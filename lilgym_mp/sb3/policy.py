@@ -128,7 +128,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     def _decided(self, observations: Mapping[str, Tensor], action_masks: Any = None) -> tuple[FactoredPolicy, Tensor]:
         """The policy and the values (N, 1)."""
         self._forget_other_weights()
-        legal = None if action_masks is None else np.asarray(action_masks, np.bool_).reshape(-1, self.action_space.n)
+        legal = None if action_masks is None else np.asarray(action_masks, bool).reshape(-1, self.action_space.n)
         policy, values = policy_and_values(self.network, self._states(observations), legal)
         return policy, values[:, None]
 

@@ -53,7 +53,7 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT_STATISTICS), rows)
 
 
-INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
+INVALID_REASON_GROUPS = {
     "separator": (InvalidReason.SEPARATOR,),
     "nothing to remove": (InvalidReason.NOTHING_TO_REMOVE, InvalidReason.EMPTY_TOWER),
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),

@@ -53,7 +53,7 @@ _GROUPS = (
     *(tuple(enum.__members__) for enum in ENUMS.values()),
     ("==", "!=", "<", "<=", ">", ">="),
 )
-_REPLACEMENTS: Mapping[str, tuple[str, ...]] = {
+_REPLACEMENTS = {
     **{word: tuple(other for other in group if other != word) for group in _GROUPS for word in group},
     "exist": ("1 == count", "1 < count", "1 > count"),
     "and": ("or", "and True or False and", "and False or"),  # the other connective, and either part left out

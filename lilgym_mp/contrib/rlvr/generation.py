@@ -82,7 +82,7 @@ def _rows(
         for target, scene, steps in variants(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
             yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps)
-            number = number + 1
+            number += 1
             barren = 0
             begun = time.monotonic()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ class Level(NamedTuple):
 
 _ITEM_RELATIONS = r"get_(?!set_)"  # "touching a circle", "above a blue block"
 _BOX_PAIRS = r"combinations|all_same_attribute"  # "two towers of the same height"
-LEVELS: Mapping[int, Level] = {
+LEVELS = {
     1: Level(14, re.compile(rf"box|All|is_top|is_bottom|is_second|is_third|touching|{_ITEM_RELATIONS}|{_BOX_PAIRS}")),
     2: Level(16, re.compile(rf"{_ITEM_RELATIONS}|{_BOX_PAIRS}")),
     3: Level(22, re.compile(_BOX_PAIRS)),

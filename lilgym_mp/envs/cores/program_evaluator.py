@@ -120,7 +120,7 @@ class ItemBoxLowering(BoxLowering):
 @cache
 def _passing_places(test: ItemTest) -> BoolArray:
     """(sizes, x, y) whether an item of each size passes a test of its position."""
-    passing = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.bool_)
+    passing = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), bool)
     for size in Size:
         places = range(BOX_SIDE - size.pixels + 1)
         passing[size, : len(places), : len(places)] = [

@@ -172,8 +172,8 @@ def _add(
             dx, dy = _search(tables, places, scenes, row, footprint, in_box, scratch)
         if dx < 0:
             return tables.overlap, x, y, 0
-        x = x + dx
-        y = y + dy
+        x += dx
+        y += dy
         clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance >= FIRST_TOO_FAR or not tables.snaps:
         place_item(tables, drawing, scenes, row, item_type, x, y, NO_MOVE, applies)

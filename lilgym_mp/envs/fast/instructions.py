@@ -51,12 +51,12 @@ class Instruction(NamedTuple):
 # Lowers a box function (vectorised word or kernel) applied to box `b` to one instruction, or raises Unsupported.
 LowerBoxFunction = Callable[[box_functions.BoxFunction, int], Instruction]
 
-_WITH_CONSTANT: Mapping[str, tuple[Operation, int]] = {  # of a constant and the operand
+_WITH_CONSTANT = {  # of a constant and the operand
     "not": (Operation.EQUAL, 0),
     "~": (Operation.SUBTRACT, -1),
     "negative": (Operation.SUBTRACT, 0),
 }
-_BINARY: Mapping[str, Operation] = {
+_BINARY = {
     "and": Operation.BIT_AND,  # of truth values, which are 0 or 1
     "or": Operation.BIT_OR,
     "&": Operation.BIT_AND,
@@ -66,7 +66,7 @@ _BINARY: Mapping[str, Operation] = {
     "-": Operation.SUBTRACT,
     "%": Operation.REMAINDER,
 }
-_COMPARISONS: Mapping[str, tuple[Operation, int]] = {  # and the order of the operands
+_COMPARISONS = {  # and the order of the operands
     "==": (Operation.EQUAL, 1),
     "!=": (Operation.UNEQUAL, 1),
     "<": (Operation.LESS, 1),

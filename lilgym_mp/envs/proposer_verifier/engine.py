@@ -30,8 +30,8 @@ from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int8Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
-ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
-INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
+ROLES = {AGENTS[role]: role for role in Role}
+INTENTS = {intent.name.lower(): intent for intent in Intent}
 NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
 RESET_OPTIONS = ("task", "intent")
 Layer = Callable[[Role, AgentObservation], AgentObservation]  # a wrapper of every environment around an engine

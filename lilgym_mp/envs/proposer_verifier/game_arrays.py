@@ -85,7 +85,7 @@ class GameArrays:
         self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
-        self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role, whether the agent is to move
+        self.movers = np.zeros((len(Role), num_games), bool)  # (2, N) indexed by role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
         self.refused = np.full(num_games, NO_CHOICE)  # index of the action refused last, until an action is played
@@ -94,8 +94,8 @@ class GameArrays:
         self.history = np.full((num_games, game.history_length, 2 + len(Role)), NO_CHOICE)
         # Of the last turn, overwritten by the next one:
         self.rewards = np.zeros((len(Role), num_games))  # (2, N) indexed by role
-        self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
-        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role
+        self.terminated, self.truncated = np.zeros((2, num_games), bool)  # (N,) each
+        self._illegal = np.zeros((len(Role), num_games), bool)  # (2, N) indexed by role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
         self._results = np.full(num_games, table.no_mdp_step)  # indices of the step results
         self._distances = np.full(num_games, np.nan)  # to the goal, if rewards depend on it
@@ -328,7 +328,7 @@ class GameArrays:
     @property
     def holds(self) -> BoolArray:
         """(N,) `Judgement.holds` in the last turn; valid only where judged, and if the settings reveal the truth."""
-        return self._holds.astype(np.bool_)
+        return self._holds.astype(bool)
 
     @property
     def successes(self) -> BoolArray:

@@ -114,7 +114,7 @@ def _play_batch(
     returns = np.zeros((len(Role), count))
     judgements = [list[Judgement]() for _ in rngs]
     records: dict[int, GameRecord] = {}
-    active = np.ones(count, np.bool_)
+    active = np.ones(count, bool)
     illegal = game.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
 
     def record(index: int, outcome: Outcome | str) -> None:

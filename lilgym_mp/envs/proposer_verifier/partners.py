@@ -238,7 +238,7 @@ class OracleVerifier(BatchPartner):
             raise ValueError(f"error_rate must be between 0 and 1, not {self.error_rate!r}")
 
     def batch(self, turn: BatchTurn) -> Int64Array:
-        errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), np.bool_)
+        errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), bool)
         return turn.answers(turn.is_edit | (turn.goals_reached() != errs))
 
 

@@ -127,7 +127,7 @@ def _audit(turn: TurnInput) -> TurnDecision:
     return TurnDecision(_MOVES[turn.proposal])
 
 
-PROTOCOLS: dict[str, GameProtocol] = {
+PROTOCOLS = {
     protocol.name: protocol
     for protocol in (
         GameProtocol(

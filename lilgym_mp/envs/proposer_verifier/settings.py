@@ -46,7 +46,7 @@ class View:
         checked_count("history of a view", self.history, least=0)
 
 
-VIEWS: Mapping[str, View] = {"image": View(), "structured": View(scene="structured")}
+VIEWS = {"image": View(), "structured": View(scene="structured")}
 GUIDE = "guide"  # preset of both views: the verifier must tell the proposer what to do
 VIEWS_HELP = (
     f"{', '.join(VIEWS)}, {GUIDE} (the proposer sees no statement), or JSON of a view's fields, for both agents or by"

@@ -126,7 +126,7 @@ class Collector:
             if after is None:
                 return
             scene = after
-            edits = edits + 1
+            edits += 1
             before = index
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)

@@ -124,7 +124,7 @@ class BoxImageTable:
 
 def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
     """The sorted indices below `count` that occur, and `indices` (any shape) renumbered to refer to them."""
-    occurs = np.zeros(count, np.bool_)
+    occurs = np.zeros(count, bool)
     occurs[indices] = True
     return np.flatnonzero(occurs), (occurs.cumsum() - 1)[indices]
 

@@ -84,21 +84,21 @@ class Rollout:
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
         self.verdicts = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
-        self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
-        self.holds = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
-        self.legal = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
+        self.ended, self.successes = np.zeros((2, *shape), bool)  # (T, N)
+        self.holds = np.zeros(shape, bool)  # (T, N) whether the judged claim holds
+        self.legal = np.zeros((*shape, legal), bool)  # (T, N, actions of the MDP), of the proposer
         both = len(Role), *shape
         views = [game, game.showing_everything()] if central else [game]
         self.seen = [  # by the agents, then by a central critic
             Seen(each, *(np.zeros((*both, size), np.int64) for size in (BOX_COUNT, len(context_sizes(each)))))
             for each in views
         ]
-        self.acted = np.zeros(both, np.bool_)  # (2, T, N)
+        self.acted = np.zeros(both, bool)  # (2, T, N)
         self.actions = np.zeros(both, np.int64)  # (2, T, N)
         self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
         self.rewards = np.zeros(both, np.float32)  # (2, T, N) of every turn
         self.last_values = np.zeros((len(Role), games), np.float32)  # (2, N) after the last turn
-        self.to_move = np.zeros((len(Role), games), np.bool_)  # (2, N) who is to move then
+        self.to_move = np.zeros((len(Role), games), bool)  # (2, N) who is to move then
 
     @property
     def returns(self) -> Float64Array:
@@ -263,7 +263,7 @@ def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolA
     """(k, actions of the MDP) the choices of a proposer with masks (k, actions), whatever the message."""
     sizes = game.message_sizes[Role.PROPOSER] + 1
     choices = game.dynamics.appearance.action_count
-    return without_refused(masks[:, : choices * sizes : sizes].astype(np.bool_), refused)
+    return without_refused(masks[:, : choices * sizes : sizes].astype(bool), refused)
 
 
 def without_refused(legal: BoolArray, refused: Int64Array) -> BoolArray:

@@ -229,7 +229,7 @@ class GameRun(TrainingRun):
         def evaluate(rows: Int64Array) -> tuple[_MixedPolicy, Tensor]:
             return self._evaluate_rows(rollout, role_of[rows], cells[rows])
 
-        arrays["forced"] = np.zeros(len(cells), np.bool_)
+        arrays["forced"] = np.zeros(len(cells), bool)
         statement_of = rollout.statement_of.reshape(-1)[cells]
         return Experience(recipe, arrays, advantages[complete], statement_of, evaluate, self.device)
 

@@ -73,7 +73,7 @@ class RolloutCollector:
     def reset(self, rng: np.random.Generator) -> None:
         """Starts an episode in every environment."""
         self._sampler.resample_statements(rng)
-        self._reset(np.ones(self._recipe.envs, np.bool_), self._sampler.sample(np.arange(self._recipe.envs), rng))
+        self._reset(np.ones(self._recipe.envs, bool), self._sampler.sample(np.arange(self._recipe.envs), rng))
 
     def to_json(self) -> AnyDict:
         """The current episodes, for `restore_episodes`."""
@@ -92,7 +92,7 @@ class RolloutCollector:
         actions = [list(map(int, row)) for row in data["actions"]]
         if len(tasks) != count or len(actions) != count or max(tasks) >= len(self._ids):
             raise ValueError("the saved episodes are of other environments")
-        self._reset(np.ones(count, np.bool_), tasks)
+        self._reset(np.ones(count, bool), tasks)
         for left in range(max(map(len, actions)), 0, -1):
             waiting = np.array([len(row) < left for row in actions])  # shorter episodes: take STOP and reset meanwhile
             chosen = [STOP if len(row) < left else row[len(row) - left] for row in actions]
@@ -150,7 +150,7 @@ class RolloutCollector:
         with torch.no_grad():
             policy, values = policy_and_values(model, states, legal)
         actions = policy.sample(rng)
-        forced = self._envs.goal_reached() if self._recipe.stop_forcing else np.zeros(len(actions), np.bool_)
+        forced = self._envs.goal_reached() if self._recipe.stop_forcing else np.zeros(len(actions), bool)
         actions[forced] = STOP
         with torch.no_grad():
             log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))

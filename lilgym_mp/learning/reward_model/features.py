@@ -218,7 +218,7 @@ class Features(NamedTuple):
     varied: bool  # whether shapes and places vary, so that shapes and sides can be exchanged
 
 
-FEATURES: dict[str, Features] = {
+FEATURES = {
     "tower": Features(
         {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
         {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
@@ -287,7 +287,7 @@ class InputReader:
         items, looks = self.table.features(indices)
         features = self.table.item_features
         rows = np.arange(len(items))[:, None, None]
-        occurs = np.zeros((len(items), len(features)), np.bool_)
+        occurs = np.zeros((len(items), len(features)), bool)
         occurs[rows, items] = occurs[:, :1] = True
         members = (occurs.cumsum(1) - 1)[rows, items]
         features = features[pad_rows([row.nonzero()[0] for row in occurs])]

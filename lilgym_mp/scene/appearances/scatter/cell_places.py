@@ -33,7 +33,7 @@ LOW_PART = 10  # rows; a divisor of the heights of all higher cells
 REMOVABLE = 1 << FOOTPRINT_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each footprint to add
 
 # (1024, 27) by legal edits of a cell: whether each item type can be added
-ADDS = (np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(np.bool_)
+ADDS = (np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(bool)
 
 
 class CellPlaces(NamedTuple):
@@ -72,7 +72,7 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
         part_height=height,
         corners=corners[:, 1:],
         first_places=np.searchsorted(footprints, np.arange(FOOTPRINT_COUNT + 1)),
-        empty=_packed([*allowed[tuple(corners.T)], np.ones(allowed.shape[3:], np.bool_)]),
+        empty=_packed([*allowed[tuple(corners.T)], np.ones(allowed.shape[3:], bool)]),
         kept=distinct,
         kept_index=indices.reshape(kept.shape[:-1]).astype(np.min_scalar_type(indices.max())),
         offset=(columns - LARGEST_SIDE - 1, rows - LARGEST_SIDE - 1),
@@ -149,7 +149,7 @@ def _overlap(start: int, length: int, size: int) -> tuple[slice, slice]:
 def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool) -> BoolArray:
     """(9, width, height, cells, parts) by footprint, pixel of a part, cell and part: whether an ADD to the cell can put
     the item there in an empty box."""
-    in_cell = np.zeros((FOOTPRINT_COUNT, width, cell_height), np.bool_)
+    in_cell = np.zeros((FOOTPRINT_COUNT, width, cell_height), bool)
     if searches:
         in_cell |= _search_offsets(width, cell_height)
     in_cell[:, 0, 0] = True

@@ -114,7 +114,7 @@ def _fault(box: Box) -> str:
 def legal_by_heights() -> BoolArray:
     """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
     heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
-    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
+    legal = np.ones((*heights.shape[1:], len(ACTIONS)), bool)
     for index, action in enumerate(ACTIONS):
         if isinstance(action, AddBlock):
             legal[..., index] = heights[action.box] < CAPACITY
