@@ -20,7 +20,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scen
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Strings
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.scene.render import draw
@@ -227,7 +227,7 @@ def _lines_by_cells(appearance: Appearance, indices: Iterable[int]) -> Iterator[
         yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
 
 
-def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _products(item_types: Iterable[Strings]) -> list[Strings]:
     """The item types as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
     merged = list(item_types)
     for slot in (1, 2, 0):

@@ -22,7 +22,7 @@ from lilgym_mp.envs.observation import item_array, item_capacity
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, Strings
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 STATEMENT = "statement"  # observation key
@@ -243,7 +243,7 @@ class Format(Transformation):
     """Adds or replaces parts of Dict observations; subclasses define `new_spaces` and `new_values`."""
 
     changes_observations = True
-    replaces: tuple[str, ...] = ()  # parts to drop, unless `new_values` has them
+    replaces: Strings = ()  # parts to drop, unless `new_values` has them
 
     def new_spaces(self) -> Spaces:
         """The spaces of the new parts, of one environment."""

@@ -17,7 +17,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.policies import GREEDY, built_in_policy
 from lilgym_mp.learning.common.learners import Learner, find_learner
-from lilgym_mp.scene.arrays import AnyMapping
+from lilgym_mp.scene.arrays import AnyMapping, Strings
 from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
@@ -33,8 +33,8 @@ class PlannedRun:
     """A training run with its evaluation, or the evaluation of built-in policies."""
 
     name: str  # name of its directories and log
-    train: tuple[str, ...]  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
-    evaluate: tuple[tuple[str, ...], ...]  # one command per split, except the run directory and --record
+    train: Strings  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
+    evaluate: tuple[Strings, ...]  # one command per split, except the run directory and --record
     budget: tuple[str, float] | None = None  # a key of the progress file, and its value at the end of training
     records: bool = True  # whether evaluations are recorded, or else written as JSON
 
@@ -186,7 +186,7 @@ def _checked(command: Sequence[str], learner: Learner) -> tuple[tuple[str, float
     return learner.budget(recipe, own), recipe
 
 
-def _evaluations(options: Iterable[str], splits: Iterable[str]) -> Iterator[tuple[str, ...]]:
+def _evaluations(options: Iterable[str], splits: Iterable[str]) -> Iterator[Strings]:
     """The commands that evaluate on each split with these options."""
     from lilgym_mp.cli import parse_args
 

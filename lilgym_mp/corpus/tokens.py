@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lilgym_mp.scene.arrays import Strings
+
 PAD = 0
 UNKNOWN = 1
 FIRST_WORD = 2
@@ -38,7 +40,7 @@ class VocabularyError(ValueError):
 
 
 @lru_cache(2**12)  # every new environment asks for those of its corpus
-def words(statement: str) -> tuple[str, ...]:
+def words(statement: str) -> Strings:
     """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
     return tuple(_WORD.findall(unicodedata.normalize("NFC", statement).lower()))
 
@@ -64,7 +66,7 @@ class Vocabulary:
         VocabularyError: For duplicate words.
     """
 
-    words: tuple[str, ...]
+    words: Strings
     _ids: dict[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

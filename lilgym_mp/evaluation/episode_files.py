@@ -21,7 +21,7 @@ from lilgym_mp.evaluation.policies import ACTION_MODES
 from lilgym_mp.scene import Scene, SceneError
 from lilgym_mp.scene.actions import ActionError, named
 from lilgym_mp.scene.appearances import InvalidReason
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-episodes"
@@ -52,7 +52,7 @@ class Header:
     tasks_sha256: str  # SHA-256 of the task file
     expert: bool  # whether the episodes contain the lengths of the expert's solutions
     run: str | None = None  # the agent's run directory
-    recipe: AnyMapping = field(default_factory=dict)
+    recipe: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, float] = field(default_factory=dict)  # cost of training: steps, cpu_minutes
 
     def to_json(self) -> AnyDict:

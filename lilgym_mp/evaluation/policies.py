@@ -15,7 +15,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Strings, UInt8Array, one_hot
 from lilgym_mp.scene.choices import choose
 
 FloatArray = NDArray[np.floating[Any]]
@@ -35,7 +35,7 @@ class Observations(NamedTuple):
     """
 
     images: UInt8Array  # (B, 50, 190, 3)
-    statements: tuple[str, ...]  # B
+    statements: Strings  # B
     targets: Int64Array  # (B,) 1: make the statement true, 0: make it false
     steps: Int64Array  # (B,) steps taken in the episode
     episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
@@ -49,7 +49,7 @@ class PolicyOutput(NamedTuple):
     values: FloatArray | None = None  # (B,) the critic's value estimates
     success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
     programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
-    notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
+    notes: Sequence[Strings] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
 class Policy(ABC):
@@ -159,7 +159,7 @@ class NamedPolicy:
     name: str
     policy: Callable[[EnvConfig], Policy]
     supervision: str = NO_SUPERVISION  # training data, for result tables
-    configurations: tuple[str, ...] = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
+    configurations: Strings = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
     details: AnyMapping = field(default_factory=dict)  # further details needed to reproduce it
 

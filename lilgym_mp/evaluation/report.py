@@ -12,7 +12,7 @@ from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.results import Result, SuccessCount, rounded
 from lilgym_mp.evaluation.terminal import NUMBER, table
-from lilgym_mp.scene.arrays import AnyDict
+from lilgym_mp.scene.arrays import AnyDict, Strings
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
@@ -64,7 +64,7 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
     return "\n\n".join([*parts, "\n".join(notes[:-1]), notes[-1]])
 
 
-def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
+def _row(result: Result, *, seen: bool) -> Strings:
     summary = result.summary
     failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (

@@ -1,4 +1,4 @@
-"""Type aliases of arrays, and of what has values by name."""
+"""Type aliases of arrays, and of other types that recur."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ Float64Array = NDArray[np.float64]
 
 AnyDict = dict[str, Any]
 AnyMapping = Mapping[str, Any]
+Strings = tuple[str, ...]
 
 BOOLEANS = (bool, np.bool_)  # rejected as integers, although both (np.bool_ before NumPy 2.3) can be used as an index
 

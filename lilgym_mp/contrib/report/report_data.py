@@ -23,7 +23,7 @@ from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 from lilgym_mp.learning.common.run_directory import shown as shown_setting
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 from lilgym_mp.scene.grouping import grouped
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
@@ -43,7 +43,7 @@ class AgentResults:
     configuration: str
     split: str
     runs: tuple[Recording, ...]
-    commits: tuple[str, ...] = ()  # of the code that played, as far as known
+    commits: Strings = ()  # of the code that played, as far as known
 
     @property
     def header(self) -> Header:

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from lilgym_mp.evaluation.files import write_atomically
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-model"
@@ -41,7 +41,7 @@ class ModelDescription:
 
     kind: str  # the learner that wrote it, as named on the command line
     version: int  # version of the kind's own format
-    configurations: tuple[str, ...]  # configurations that it plays
+    configurations: Strings  # configurations that it plays
     supervision: str  # what it learnt from, for result tables
     recipe: AnyMapping = field(default_factory=dict)  # hyperparameters
     details: AnyMapping = field(default_factory=dict)  # specific to the kind, such as a vocabulary

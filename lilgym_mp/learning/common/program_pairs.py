@@ -19,6 +19,7 @@ from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities,
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.arrays import Strings
 
 APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # first word of each normalised statement
 MAX_NUMBER = 7  # largest number in an augmented statement
@@ -61,7 +62,7 @@ def _exchange_of_tokens(kind: str, exchange: Exchange) -> dict[str, str]:
 class SymbolTable:
     """Indices of symbols, from 1; 0 is padding."""
 
-    symbols: tuple[str, ...]
+    symbols: Strings
 
     @cached_property
     def _indices(self) -> dict[str, int]:
@@ -102,14 +103,14 @@ TOKENS = TokenTable(tuple(token_arities()))  # of newly trained networks
 class Pair(NamedTuple):
     """A normalised statement and the tokens of its program, with colours in standard order."""
 
-    words: tuple[str, ...]
-    tokens: tuple[str, ...]
+    words: Strings
+    tokens: Strings
 
 
 class NormalisedStatement(NamedTuple):
     """The parser's input."""
 
-    words: tuple[str, ...]  # the appearance word, then the statement with colours in standard order
+    words: Strings  # the appearance word, then the statement with colours in standard order
     exchange: Mapping[str, str]  # original colour -> standard colour
 
 

@@ -17,7 +17,7 @@ from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, Strings
 
 TRAINING_SPLIT = "train"
 MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced
@@ -50,11 +50,11 @@ class TrainingTasks:
 
     tasks: TaskSet  # for training
     from_empty: BoolArray  # (tasks,) Scratch tasks in a FlipIt run
-    validation: tuple[str, ...]  # held-out task ids of the corpus's train split
+    validation: Strings  # held-out task ids of the corpus's train split
     sha256: str  # SHA-256 of the corpus file
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def statements(self) -> Strings:
         """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 

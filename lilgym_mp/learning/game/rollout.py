@@ -21,7 +21,7 @@ from lilgym_mp.learning.game.network import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import HIDDEN_STATEMENT, REFUSED, context_sizes, read_situations, seen_tasks
 from lilgym_mp.scene import BOX_COUNT
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array, Strings
 
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
@@ -74,7 +74,7 @@ class Rollout:
     claims: Claims
 
     def __init__(
-        self, game: Game, statements: tuple[str, ...], turns: int, games: int, legal: int = 0, *, central: bool = False
+        self, game: Game, statements: Strings, turns: int, games: int, legal: int = 0, *, central: bool = False
     ) -> None:
         """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0.
         `central`: whether there is a critic that sees everything."""

@@ -32,7 +32,7 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.programs.static_types import is_well_typed
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 
 UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
@@ -108,11 +108,11 @@ class ProgramCandidate(NamedTuple):
 class Parse:
     """The parser's result for a statement."""
 
-    words: tuple[str, ...]  # the appearance word, then the statement with misspellings repaired
-    unknown: tuple[str, ...]  # the words outside the vocabulary, with those left out, or a text without words
+    words: Strings  # the appearance word, then the statement with misspellings repaired
+    unknown: Strings  # the words outside the vocabulary, with those left out, or a text without words
     corrections: Mapping[str, str]  # misspelt words, in lower case, and what was read for them
     candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
-    doubts: tuple[str, ...] = ()  # why the first candidate may be wrong besides unknown words, a line each
+    doubts: Strings = ()  # why the first candidate may be wrong besides unknown words, a line each
 
     @property
     def is_understood(self) -> bool:
@@ -134,7 +134,7 @@ class Parse:
         return max(len(self.words) - 1, len(self.unknown), 1)
 
     @property
-    def uncertain(self) -> tuple[str, ...]:
+    def uncertain(self) -> Strings:
         """Why the first candidate may be wrong, a line each; empty if nothing says so."""
         if not self.is_understood:
             return ("nothing was understood", *self._unknown_notes())

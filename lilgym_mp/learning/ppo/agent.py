@@ -22,7 +22,7 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
-from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Strings
 
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
@@ -128,7 +128,7 @@ def describe(
     settings: EnvConfig,
     recipe: PPORecipe,
     recipe_name: str,
-    configurations: tuple[str, ...],
+    configurations: Strings,
     model: Model,
     statistics: AnyMapping,
 ) -> ModelDescription:

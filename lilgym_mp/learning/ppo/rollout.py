@@ -15,14 +15,14 @@ from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.learner import PPORecipe
-from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array, Strings
 
 
 class Rollout(NamedTuple):
     """Rollout buffer of T steps in N environments; row t * N + n of a flattened array is step t of environment n."""
 
     table: BoxImageTable
-    statements: tuple[str, ...]
+    statements: Strings
     statement_of: Int64Array  # (T, N)
     boxes_of: Int64Array  # (T, N, 3)
     targets: Int64Array  # (T, N)

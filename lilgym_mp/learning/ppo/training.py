@@ -36,7 +36,7 @@ from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.arrays import AnyDict, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Strings
 
 
 class PPOProgress(NamedTuple):
@@ -132,7 +132,7 @@ class PPORun(TrainingRun):
             self._collector.reset(self._rng)
 
     @property
-    def configurations(self) -> tuple[str, ...]:
+    def configurations(self) -> Strings:
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         scratch = configuration_name(self._settings.appearance, SCRATCH)
         return (self._settings.configuration, *([scratch] if self.tasks.from_empty.any() else []))
