@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
-from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
 from lilgym_mp.envs.interface import RENDER_FPS, TaskEnvironment, make_renderer, warn_of_no_mode
 from lilgym_mp.envs.keywords import refuse_old_id
@@ -217,7 +217,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         return np.flatnonzero(mask)
 
     def _chosen_tasks(self, task: object) -> Sequence[int | Task | None]:
-        choices = cast("Sequence[Any]", task) if is_list(task) else [task] * self.num_envs
+        choices = cast("Sequence[Any]", task) if _is_list(task) else [task] * self.num_envs
         if len(choices) != self.num_envs:
             raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(choices)}")
         return [choice if choice is None else self._chosen_task(choice) for choice in choices]
@@ -230,7 +230,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a new generator, or None to keep the old one."""
-        if is_list(seed):
+        if _is_list(seed):
             seed = cast("Sequence[int | None]", seed)
             if len(seed) != self.num_envs:
                 raise ValueError(
@@ -566,3 +566,10 @@ def batched(single: spaces.Space[Any], count: int) -> Any:
     for name in ("low", "high", "bounded_below", "bounded_above"):
         setattr(box, name, np.broadcast_to(getattr(box, name), shape))
     return box
+
+
+def _is_list(value: object) -> bool:
+    """Whether `value` is a sequence other than a string, or an array of at least one dimension."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
-from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.config import SingleConfig
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.observation import FORMS, item_capacity
@@ -24,7 +24,7 @@ from lilgym_mp.envs.rules import ActionStatus, State
 from lilgym_mp.envs.sampling import checked_task, next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.arrays import AnyMapping, Int64Array
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import checked_count, choose
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action

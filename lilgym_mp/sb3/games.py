@@ -13,7 +13,6 @@ from gymnasium.utils import seeding
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from lilgym_mp.envs.checks import checked_count
 from lilgym_mp.envs.proposer_verifier.engine import ROLES, agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, ObservedGames
@@ -22,7 +21,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import MAX_RESETS
 from lilgym_mp.scene.arrays import AnyDict, Int64Array
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import checked_count, choose
 
 BOTH = "both"
 SEATS = {**{agent: (role,) for agent, role in ROLES.items()}, BOTH: tuple(Role)}

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from lilgym_mp.corpus.notes import note_after
-from lilgym_mp.envs.checks import checked_count, checked_options
+from lilgym_mp.envs.checks import checked_options
 from lilgym_mp.envs.interface import RESET_OPTIONS
 from lilgym_mp.envs.keywords import SB3_INSTEAD, check_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
@@ -26,7 +26,7 @@ from lilgym_mp.envs.preload import preloading
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.scene.arrays import AnyDict
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import checked_count, choose
 from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.transformation import WrongEnvironment, to_python
 

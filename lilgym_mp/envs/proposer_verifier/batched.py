@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
-from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_seed
 from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
@@ -23,6 +23,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int64Array
+from lilgym_mp.scene.choices import checked_count
 
 BatchStep = tuple[
     dict[str, AgentObservation],

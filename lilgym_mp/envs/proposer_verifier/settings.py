@@ -8,12 +8,12 @@ from dataclasses import KW_ONLY, asdict, dataclass, fields
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
-from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Rewards, checked_number
 from lilgym_mp.scene.arrays import AnyDict
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import checked_count, choose
 from lilgym_mp.scene.render import shrink_of
 
 ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"

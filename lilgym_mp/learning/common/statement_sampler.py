@@ -7,11 +7,11 @@ import os
 import numpy as np
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.envs.checks import checked_count
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
+from lilgym_mp.scene.choices import checked_count
 
 
 class StatementSampler:
