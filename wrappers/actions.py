@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -13,7 +12,7 @@ from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.arrays import AnyMapping, BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Batches, EnvDescription, EnvState, GymEnv, Transformation
+from lilgym_mp.wrappers.transformation import AnySpace, Batch, Batches, EnvDescription, EnvState, GymEnv, Transformation
 
 MASK = "action_mask"  # the info's key
 
@@ -64,7 +63,7 @@ class Forcing(Transformation):
         if self.changes_actions:
             description.require_discrete_actions()
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         if not self.changes_observations:
             return self.env_description.observation_space
         return spaces.Dict({**self.env_description.parts(), FORCED_NOW: spaces.Box(0, 1, (1,), np.int8)})

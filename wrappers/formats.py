@@ -23,6 +23,7 @@ from lilgym_mp.wrappers.transformation import (
     ITEMS,
     PLANES,
     STATEMENT,
+    AnySpace,
     Batch,
     Batches,
     EnvDescription,
@@ -186,7 +187,7 @@ class Image(Transformation):
 
     changes_observations = True
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         return self.env_description.part(IMAGE)
 
     def observations(self, observations: Batches, state: EnvState) -> Batch:
@@ -355,7 +356,7 @@ class Flattening(Transformation):
         return np.concatenate([_rows(space, observations[name]) for name, space in parts], axis=1)
 
 
-def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
+def _rows(space: AnySpace, values: Batch) -> Float32Array:
     """(B, size) the flattened values of one part."""
     if isinstance(space, spaces.Discrete):
         return (values[:, None] == np.arange(space.n)).astype(np.float32)

@@ -29,8 +29,9 @@ STATEMENT = "statement"  # observation key
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
+AnySpace = spaces.Space[Any]
 Batches = Mapping[str, Batch]  # by name
-Spaces = Mapping[str, spaces.Space[Any]]  # by name
+Spaces = Mapping[str, AnySpace]  # by name
 GymEnv = gym.Env[Any, Any]
 
 
@@ -45,8 +46,8 @@ class EnvDescription:
     wrapper: str  # the wrapper's name, for error messages
     tasks: TaskSet
     dynamics: Dynamics
-    observation_space: spaces.Space[Any]  # space of one environment
-    action_space: spaces.Space[Any]  # space of one environment
+    observation_space: AnySpace  # space of one environment
+    action_space: AnySpace  # space of one environment
 
     @cached_property
     def item_capacity(self) -> int:
@@ -65,7 +66,7 @@ class EnvDescription:
             raise self._lacking("Dict observations", space)
         return space.spaces
 
-    def part(self, name: str) -> spaces.Space[Any]:
+    def part(self, name: str) -> AnySpace:
         """The space of the observation's part `name`. Raises WrongEnvironment naming the existing parts."""
         parts = self.parts()
         if name not in parts:
@@ -172,11 +173,11 @@ class Transformation:
         """Raises WrongEnvironment for an unsuitable environment, ValueError for invalid settings."""
         self.env_description = description
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         """The transformed space of one environment."""
         return self.env_description.observation_space
 
-    def action_space(self) -> spaces.Space[Any]:
+    def action_space(self) -> AnySpace:
         """The transformed space of one environment."""
         return self.env_description.action_space
 
@@ -283,7 +284,7 @@ def stacked(values: Sequence[Any]) -> Batch:
     return np.asarray(first)[None] if len(values) == 1 else np.stack(values)
 
 
-def unstacked(space: spaces.Space[Any], batch: Batch) -> list[Any]:
+def unstacked(space: AnySpace, batch: Batch) -> list[Any]:
     """The values of `space` in a batch."""
     if isinstance(space, spaces.Dict):
         parts = {name: unstacked(part, batch[name]) for name, part in space.spaces.items()}

@@ -29,6 +29,8 @@ from lilgym_mp.scene.grouping import grouped
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
+    Agents = Mapping[Path, Agent]  # by run
+
 # Settings that may differ between runs that play together; the first run's are played:
 MAY_DIFFER = ("corpus", "rewards", "deceptive_share", "message_cost", "views")
 CONFIGURATION = "TowerFlipIt"  # unless another is named, or the runs'
@@ -41,7 +43,7 @@ lies accepted: % of games that end in an accepted false claim."""
 Player = tuple[str, Partner]  # one side of the game, and its name: a run's path or a scripted partner's
 
 
-def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
+def evaluate_games(args: argparse.Namespace, agents: Agents) -> int:
     """Plays the two-agent game with every pair of agents; returns the exit status."""
     unused = [name for name in ("policy", "record", "name") if getattr(args, name)]
     if args.passes > 1:
@@ -80,7 +82,7 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
 def _played(
     settings: GameSettings,
     pairs: Sequence[tuple[Player, Player]],
-    agents: Mapping[Path, Agent],
+    agents: Agents,
     progress: Progress,
     seed: int = 0,
     *,
@@ -113,7 +115,7 @@ def _played(
     return results
 
 
-def play_on_dev(agents: Mapping[Path, Agent]) -> list[AnyDict]:
+def play_on_dev(agents: Agents) -> list[AnyDict]:
     """The results of each run with every other of its game, and with scripted partners, by most probable actions."""
     names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
@@ -128,7 +130,7 @@ def play_on_dev(agents: Mapping[Path, Agent]) -> list[AnyDict]:
     return results
 
 
-def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
+def _remark(proposer: str, verifier: str, agents: Agents) -> str:
     """How the games differ in which two runs have learned; "" if one of them is scripted."""
     games = [agents[Path(name)].game for name in (proposer, verifier) if Path(name) in agents]
     if len(games) < len(Role) or None in games:
@@ -156,7 +158,7 @@ def _flat(result: JSON) -> JSON:
     return row
 
 
-def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameSettings]:
+def _games(args: argparse.Namespace, agents: Agents) -> list[GameSettings]:
     """The games to play, one for each configuration: that of the runs, or each protocol."""
     given = {**given_environment(args), "split": args.split}
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
@@ -184,9 +186,7 @@ def _compared(settings: GameSettings, name: str) -> Any:
     return getattr(settings, name)
 
 
-def _pairs(
-    settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool, sampled: bool
-) -> list[tuple[Player, Player]]:
+def _pairs(settings: GameSettings, agents: Agents, *, all_pairs: bool, sampled: bool) -> list[tuple[Player, Player]]:
     """Every pair, or those that the runs need: no pair of two scripted partners if there are runs.
 
     Raises ValueError for an agent that cannot play the game.

@@ -5,12 +5,12 @@ The pairs cannot be classified by item counts or colour statistics alone.
 
 from __future__ import annotations
 
-import os
 import random
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 
 from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.locations import PathLike
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
 from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.writing import LabelledScene, entry_json
@@ -89,7 +89,7 @@ def _value(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | None:
 
 
 def synthesize(
-    corpus: str | os.PathLike[str],
+    corpus: PathLike,
     appearances: Iterable[str] = APPEARANCES,
     splits: Iterable[str] = SPLITS,
     *,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lilgym_mp.corpus.locations import PathLike
 from lilgym_mp.scene.arrays import Strings
 
 PAD = 0
@@ -136,7 +137,7 @@ class Vocabulary:
             raise VocabularyError(f"invalid token id {token_id}; choose from 0 to {len(self) - 1}")
         return self.words[token_id - FIRST_WORD]
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: PathLike) -> None:
         """Writes the vocabulary as JSON.
 
         Args:
@@ -146,7 +147,7 @@ class Vocabulary:
         Path(path).write_text(json.dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
+    def load(cls, path: PathLike) -> Vocabulary:
         """Reads a vocabulary written by `save`.
 
         Args:

@@ -38,6 +38,7 @@ ATTRIBUTE_TESTS: Mapping[Enum, str] = {
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _OPPOSITE = {"==": "!=", "!=": "==", "in": "not in", "not in": "in"}
+Argument = syntax.Node | None  # of a call; None if it is left out
 MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is written twice when the chain is split
 _COLLECTION_TYPES = ("collection", "collection of items", "item or collection of items")
 
@@ -75,7 +76,7 @@ def _rewrite_children(node: syntax.Node, scope: Scope) -> syntax.Node:
 
 def _rewrite_arguments(call: syntax.Call, scope: Scope) -> syntax.Call:
     """Rewrites arguments; the parameter of a lambda gets the element type of the collection it is applied to."""
-    done: list[syntax.Node | None] = []
+    done: list[Argument] = []
     for parameter, argument in zip(call.word.parameters, call.arguments, strict=True):
         is_function = argument and parameter.type.name == "function"
         function = syntax.as_lambda(argument, variable_name(len(scope))) if argument and is_function else None
@@ -149,7 +150,7 @@ def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
     return syntax.Call(node.word, tuple(simpler))
 
 
-def _without_defaults(node: syntax.Call) -> tuple[syntax.Node | None, ...]:
+def _without_defaults(node: syntax.Call) -> tuple[Argument, ...]:
     """The arguments, with None for those equal to the default."""
     return tuple(
         None
@@ -159,7 +160,7 @@ def _without_defaults(node: syntax.Call) -> tuple[syntax.Node | None, ...]:
     )
 
 
-def _simplify_box_items(parameter: Parameter, argument: syntax.Node | None, scope: Scope) -> syntax.Node | None:
+def _simplify_box_items(parameter: Parameter, argument: Argument, scope: Scope) -> Argument:
     """Replaces `b.all_items_in_box()` by `b` where any collection is accepted."""
     match argument:
         case syntax.Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_TYPES:
@@ -168,7 +169,7 @@ def _simplify_box_items(parameter: Parameter, argument: syntax.Node | None, scop
             return argument
 
 
-def _as_python_operator(operator: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
+def _as_python_operator(operator: str, arguments: Sequence[Argument], scope: Scope) -> Argument:
     """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not fail."""
     operands = tuple(map(_required, arguments))
     if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
@@ -181,7 +182,7 @@ def _filter_by_attribute(collection: syntax.Node, value: object, scope: Scope) -
     return _call("filter_obj", collection, syntax.Lambda(name, _attribute_test(value, syntax.Variable(name))))
 
 
-def _merged_filter(arguments: Sequence[syntax.Node | None], scope: Scope) -> tuple[syntax.Node | None, ...]:
+def _merged_filter(arguments: Sequence[Argument], scope: Scope) -> tuple[Argument, ...]:
     """Merges nested filters into one filter by the conjunction."""
     collection, function = arguments
     if not isinstance(function, syntax.Lambda):
@@ -243,7 +244,7 @@ def _attribute_test_key(node: syntax.Node) -> tuple[int, bool, str] | None:
             return None
 
 
-def _negated(operand: syntax.Node, scope: Scope) -> syntax.Node | None:
+def _negated(operand: syntax.Node, scope: Scope) -> Argument:
     """The simplification of `not operand`, or None."""
     match operand:
         case syntax.Not(operand=inner) if type_of(inner, scope) == BOOL:
@@ -308,7 +309,7 @@ def _is_infallible_test(node: syntax.Call, scope: Scope) -> bool:
     return type_of(function.body, {**scope, function.parameter: _element_type(collection, scope)}) == BOOL
 
 
-def _element_type(collection: syntax.Node | None, scope: Scope) -> Type:
+def _element_type(collection: Argument, scope: Scope) -> Type:
     return UNKNOWN if collection is None else element_of(type_of(collection, scope))
 
 
@@ -323,16 +324,16 @@ def _attribute_test_of(member: syntax.Node, value: object, scope: Scope) -> synt
             return None
 
 
-def _all_have_type(nodes: Sequence[syntax.Node | None], expected: Type, scope: Scope) -> bool:
+def _all_have_type(nodes: Sequence[Argument], expected: Type, scope: Scope) -> bool:
     return all(node is not None and type_of(node, scope) == expected for node in nodes)
 
 
-def _required(node: syntax.Node | None) -> syntax.Node:
+def _required(node: Argument) -> syntax.Node:
     assert node is not None
     return node
 
 
-def _call(name: str, *arguments: syntax.Node | None) -> syntax.Call:
+def _call(name: str, *arguments: Argument) -> syntax.Call:
     return syntax.call(WORDS[name], *arguments)
 
 
