@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
@@ -43,7 +43,7 @@ lies accepted: % of games that end in an accepted false claim."""
 Player = tuple[str, Partner]  # one side of the game, and its name: a run's path or a scripted partner's
 
 
-def evaluate_games(args: argparse.Namespace, agents: Agents) -> int:
+def evaluate_games(args: Namespace, agents: Agents) -> int:
     """Plays the two-agent game with every pair of agents; returns the exit status."""
     unused = [name for name in ("policy", "record", "name") if getattr(args, name)]
     if args.passes > 1:
@@ -158,7 +158,7 @@ def _flat(result: JSON) -> JSON:
     return row
 
 
-def _games(args: argparse.Namespace, agents: Agents) -> list[GameSettings]:
+def _games(args: Namespace, agents: Agents) -> list[GameSettings]:
     """The games to play, one for each configuration: that of the runs, or each protocol."""
     given = {**given_environment(args), "split": args.split}
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}

@@ -6,8 +6,8 @@ Edit the scene until the statement has the target truth value, then stop; type h
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -44,7 +44,7 @@ MOST_LISTED = 13  # legal actions shown
 SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], "both": AGENTS}
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp play`."""
     add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
@@ -62,7 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Lets a person play episodes, or one side of the game, in the terminal."""
     settings = EnvConfig(**given_settings(args))
     split = split_of(settings, args.split, args.task)
@@ -211,7 +211,7 @@ HELP = (
 )
 
 
-def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int:
+def _play_game(settings: EnvConfig, split: str, args: Namespace) -> int:
     """Plays one game of the person and a scripted partner to its end."""
     from lilgym_mp.envs.proposer_verifier import SCRIPTED, PartnerTurn, parallel_env
 

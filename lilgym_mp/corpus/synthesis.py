@@ -5,9 +5,9 @@ The pairs cannot be classified by item counts or colour statistics alone.
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
+from random import Random
 
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import PathLike
@@ -24,7 +24,7 @@ WALK_LENGTH = 8  # single-item changes per walk
 
 
 def start_scenes(
-    program: str, appearance: str, rng: random.Random, count: int, walks: int = WALKS
+    program: str, appearance: str, rng: Random, count: int, walks: int = WALKS
 ) -> tuple[LabelledScene, ...]:
     """At most `count` distinct non-empty scenes, alternately true and false.
 
@@ -72,7 +72,7 @@ def near_misses(
                 break
 
 
-def _walk(appearance: str, rng: random.Random) -> Iterator[Scene]:
+def _walk(appearance: str, rng: Random) -> Iterator[Scene]:
     """A random scene, changed by one item at a time."""
     sampler = sampler_of(appearance)
     yield (scene := sampler.scene(rng))
@@ -110,7 +110,7 @@ def synthesize(
         split = tasks.provenance.split
         for task in tasks:
             name = task.id if unique else f"{appearance}-{split}-{task.id}"
-            rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")
+            rng = Random(f"{seed} {appearance} {task.statement} {task.program}")
             scenes = enumerate(start_scenes(task.program, appearance, rng, starts), start=1)
             found = ((f"{name}:{index}", start) for index, start in scenes)
             yield entry_json(name, appearance, split, task.statement, task.program, found, task.tags)

@@ -27,7 +27,7 @@ from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import Sampler, check_statement, checked_task
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, Rng, UInt8Array
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
@@ -123,12 +123,12 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         raise AttributeError("the sampler of a batch cannot be set; pass sampler=... when making the batch")
 
     @property
-    def np_random(self) -> np.random.Generator:
+    def np_random(self) -> Rng:
         """A generator that no environment uses: each has its own, which `reset(seed=...)` seeds."""
         return super().np_random
 
     @np_random.setter
-    def np_random(self, value: np.random.Generator) -> None:
+    def np_random(self, value: Rng) -> None:
         raise AttributeError("each environment of a batch has a generator of its own; call reset(seed=...)")
 
     def _check_open(self) -> None:

@@ -23,7 +23,7 @@ from lilgym_mp.envs.observation import FORMS, item_capacity
 from lilgym_mp.envs.rules import ActionStatus, State
 from lilgym_mp.envs.sampling import checked_task, next_draws
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.arrays import AnyMapping, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array, Rng
 from lilgym_mp.scene.choices import checked_count, choose
 
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -74,7 +74,7 @@ class EnvSnapshot(NamedTuple):
 
     state: State
     row: AnyMapping  # of SAVED
-    generator: np.random.Generator | None
+    generator: Rng | None
     drawn: tuple[int, ...]
     episodes: int
     repeats: bool
@@ -116,7 +116,7 @@ class Engine:
         self._identity = settings.identity()
         count = len(buffers.action)
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
-        self._generators: list[np.random.Generator | None] = [None] * count
+        self._generators: list[Rng | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
         self._episodes = np.zeros(count, np.int64)  # number of tasks started in the evaluation
         self._repeats = np.zeros(count, bool)  # whether the current episode's task was evaluated before

@@ -28,7 +28,7 @@ from lilgym_mp.envs.sampling import check_statement, checked_task, next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import checked_index
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Rng, UInt8Array
 from lilgym_mp.scene.render.canvas import Canvas
 
 
@@ -88,7 +88,7 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         self.sampler = config.sampler
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
-        self._draws_by: np.random.Generator | None = None  # the generator that drew them
+        self._draws_by: Rng | None = None  # the generator that drew them
         self._is_seeded = False  # whether a reset has been given a seed
         self._process = os.getpid()  # that drew the tasks
 

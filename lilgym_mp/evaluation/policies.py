@@ -15,7 +15,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Strings, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Rng, Strings, UInt8Array, one_hot
 from lilgym_mp.scene.choices import choose
 
 FloatArray = NDArray[np.floating[Any]]
@@ -60,7 +60,7 @@ class Policy(ABC):
     stop_probabilities: FloatArray | None = None  # (B,) of STOP in the latest call; stored with the episodes
 
     @abstractmethod
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         """(B,) action indices. `legal`: (B, actions) exact masks; `rng` is the only source of randomness."""
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
@@ -73,7 +73,7 @@ class Policy(ABC):
         return None
 
 
-Choose = Callable[[Observations, BoolArray, np.random.Generator], Int64Array]
+Choose = Callable[[Observations, BoolArray, Rng], Int64Array]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class FunctionPolicy(Policy):
 
     function: Choose
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         return self.function(observations, legal, rng)
 
 
@@ -95,7 +95,7 @@ def as_policy(policy: Policy | Choose) -> Policy:
 class RandomLegal(Policy):
     """Uniform over legal actions."""
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         rank = rng.integers(legal.sum(1))  # rank of the action among the legal ones of its row
         return (legal.cumsum(1) > rank[:, None]).argmax(1)
 
@@ -117,7 +117,7 @@ class RandomType(Policy):
         types = action_arrays(settings.dynamics().appearance)[:, 0]
         self._indices = [np.flatnonzero(types == action_type) for action_type in ActionType]  # of the actions, by type
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         types = rng.integers(len(ActionType), size=len(observations.statements))
         indices = [self._indices[action_type] for action_type in types.tolist()]
         return np.array([actions[rng.integers(len(actions))] for actions in indices], np.int64)
@@ -136,7 +136,7 @@ class ExpertPolicy(Policy):
         self._solver = Solver(self._dynamics)
         self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         chosen: list[int] = []
         for episode, state in zip(observations.episodes.tolist(), observations.states, strict=True):
             plan = self._plans.pop(episode, ()) if state.steps else ()

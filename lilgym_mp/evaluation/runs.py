@@ -20,7 +20,7 @@ from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action
-from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array, Rng
 
 if TYPE_CHECKING:
     from lilgym_mp.evaluation.decisions import Decision
@@ -75,7 +75,7 @@ def play_tasks(
     policy: Policy,
     envs: BatchedEnv,
     tasks: Sequence[str | Task],
-    rng: np.random.Generator,
+    rng: Rng,
     *,
     record_decisions: bool = False,
     on_episode: Callable[[Episode], object] = lambda episode: None,

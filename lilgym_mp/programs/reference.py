@@ -10,8 +10,28 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from lilgym_mp.programs import costs, syntax
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError, StepLimitError
+from lilgym_mp.programs.syntax import (
+    METHODS,
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    own_size,
+    parse,
+)
 from lilgym_mp.programs.values import BoxView, Color, ItemView, SceneView, Shape, Side, Size
 from lilgym_mp.programs.words import FunctionValue, Word, describe
 from lilgym_mp.scene import Scene
@@ -112,37 +132,37 @@ Variables = AnyDict
 Closure = Callable[[Evaluation, Variables], Any]
 
 
-def build_closure(node: syntax.Node) -> Closure:
+def build_closure(node: Node) -> Closure:
     """Compiles a node to a closure from the evaluation state and the enclosing variables to the node's value."""
     match node:
-        case syntax.Constant(value=value):
+        case Constant(value=value):
             return lambda evaluation, variables: value
-        case syntax.SceneName(name="all_boxes"):
+        case SceneName(name="all_boxes"):
             return lambda evaluation, variables: list(evaluation.view.boxes)
-        case syntax.SceneName():
+        case SceneName():
             return _all_items
-        case syntax.Variable(name=name):
+        case Variable(name=name):
             return lambda evaluation, variables: variables[name]
-        case syntax.WordName(word=word):
+        case WordName(word=word):
             return lambda evaluation, variables: _word_value(evaluation, word)
-        case syntax.Lambda():
+        case Lambda():
             return _lambda(node)
-        case syntax.Call():
+        case Call():
             return _call(node)
-        case syntax.Member():
+        case Member():
             return _member(node)
-        case syntax.Logic():
+        case Logic():
             return _logic(node)
-        case syntax.Not(operand=operand):
+        case Not(operand=operand):
             closure = build_closure(operand)
             return lambda evaluation, variables: not closure(evaluation, variables)
-        case syntax.Comparison():
+        case Comparison():
             return _comparison(node)
-        case syntax.Arithmetic():
+        case Arithmetic():
             return _arithmetic(node)
-        case syntax.Subscript() | syntax.Slice():
+        case Subscript() | Slice():
             return _subscript(node)
-        case syntax.Display():
+        case Display():
             return _display(node)
 
 
@@ -178,10 +198,10 @@ def _word_value(evaluation: Evaluation, word: Word) -> FunctionValue:
     return found
 
 
-def _lambda(node: syntax.Lambda) -> Closure:
+def _lambda(node: Lambda) -> Closure:
     parameter = node.parameter
     body = build_closure(node.body)
-    steps = costs.LAMBDA + costs.NODE * syntax.own_size(node.body)
+    steps = costs.LAMBDA + costs.NODE * own_size(node.body)
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
         def call(value: Any) -> Any:
@@ -197,7 +217,7 @@ def _lambda(node: syntax.Lambda) -> Closure:
     return closure
 
 
-def _call(node: syntax.Call) -> Closure:
+def _call(node: Call) -> Closure:
     word = node.word
     closures = [None if argument is None else build_closure(argument) for argument in node.arguments]
     defaults = [parameter.default for parameter in word.parameters]
@@ -222,10 +242,10 @@ def _constant(value: Any) -> Closure:
     return lambda evaluation, variables: value
 
 
-def _member(node: syntax.Member) -> Closure:
+def _member(node: Member) -> Closure:
     of = build_closure(node.of)
     name = node.name
-    owner, owner_name = (BoxView, "a box") if name in syntax.METHODS else (ItemView, "an item")
+    owner, owner_name = (BoxView, "a box") if name in METHODS else (ItemView, "an item")
 
     def read(evaluation: Evaluation, variables: Variables) -> Any:
         value = of(evaluation, variables)
@@ -240,7 +260,7 @@ def _member(node: syntax.Member) -> Closure:
     return call if node.called else read
 
 
-def _logic(node: syntax.Logic) -> Closure:
+def _logic(node: Logic) -> Closure:
     closures = [build_closure(operand) for operand in node.operands]
     stop_at = node.operator == "or"
 
@@ -267,7 +287,7 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _comparison(node: syntax.Comparison) -> Closure:
+def _comparison(node: Comparison) -> Closure:
     left_closure = build_closure(node.left)
     steps = [(name, build_closure(right)) for name, right in zip(node.operators, node.rights, strict=True)]
 
@@ -300,7 +320,7 @@ def _operate(
         raise ProgramRuntimeError(f"{name}: the right side is 0") from None
 
 
-def _arithmetic(node: syntax.Arithmetic) -> Closure:
+def _arithmetic(node: Arithmetic) -> Closure:
     closures = (build_closure(node.left), build_closure(node.right))
     name = node.operator
     operation = {"+": operator.add, "%": operator.mod}[node.operator]
@@ -314,9 +334,9 @@ def _arithmetic(node: syntax.Arithmetic) -> Closure:
     return closure
 
 
-def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
+def _subscript(node: Subscript | Slice) -> Closure:
     of = build_closure(node.of)
-    if isinstance(node, syntax.Subscript):
+    if isinstance(node, Subscript):
         parts = [build_closure(node.index)]
     else:
         parts = [part and build_closure(part) for part in (node.start, node.stop, node.step)]
@@ -334,7 +354,7 @@ def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
                 raise ProgramRuntimeError(f"[ ]: an index must be an int, not {describe(index)}")
         sequence = cast("list[Any]", value)
         evaluation.charge(costs.OPERATION + len(sequence))
-        if isinstance(node, syntax.Slice):
+        if isinstance(node, Slice):
             if indices[2] == 0:
                 raise ProgramRuntimeError("[ ]: the step of a slice cannot be 0")
             return sequence[slice(*indices)]
@@ -346,7 +366,7 @@ def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
     return closure
 
 
-def _display(node: syntax.Display) -> Closure:
+def _display(node: Display) -> Closure:
     closures = [build_closure(element) for element in node.elements]
     kind = node.kind
 
@@ -368,8 +388,8 @@ def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = co
     Compiling nothing and caching nothing, it takes at most about 40 milliseconds with the default limit on the steps of
     all evaluations together. Raises ProgramError when `source` is not a valid program, StepLimitError beyond the limit.
     """
-    closure = build_closure(tree := syntax.parse(source))
-    size = syntax.own_size(tree)
+    closure = build_closure(tree := parse(source))
+    size = own_size(tree)
     truths: list[bool | None] = []
     steps_left = step_limit
     for scene in scenes:

@@ -20,7 +20,7 @@ from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import MAX_RESETS
-from lilgym_mp.scene.arrays import AnyDict, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng
 from lilgym_mp.scene.choices import checked_count, choose
 
 BOTH = "both"
@@ -50,7 +50,7 @@ class GameVecEnv(VecEnv):
         nested, actions = agent_spaces(games.parts[first], game.action_counts[first])
         self._all = np.arange(num_games)
         self._episodes = np.zeros(num_games, np.int64)
-        self._generators: list[np.random.Generator] = []
+        self._generators: list[Rng] = []
         self._actions = np.zeros((len(Role), num_games), np.int64)  # indexed by role, like the next
         self._returns = np.zeros((len(Role), num_games))  # of this step
         self._infos: list[AnyDict] = []  # of this step, by row

@@ -21,6 +21,7 @@ Float64Array = NDArray[np.float64]
 AnyDict = dict[str, Any]
 AnyMapping = Mapping[str, Any]
 Strings = tuple[str, ...]
+Rng = np.random.Generator
 
 BOOLEANS = (bool, np.bool_)  # rejected as integers, although both (np.bool_ before NumPy 2.3) can be used as an index
 

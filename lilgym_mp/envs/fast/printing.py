@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 from weakref import WeakValueDictionary
 
-from lilgym_mp.envs.fast import box_functions, ir
+from lilgym_mp.envs.fast import box_functions
+from lilgym_mp.envs.fast.ir import BOXES, LOCAL_BOX, Apply, BoxCall, Code, ItemCount, Kernel, LoopIndex, Number, Where
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import AnyDict
 
@@ -19,24 +20,24 @@ CALLS = {  # operators that are not written between their operands
 }
 
 
-def scene_function(code: ir.Code) -> Callable[[Scene], bool]:
+def scene_function(code: Code) -> Callable[[Scene], bool]:
     """The function of a scene whose value is the code's."""
     printer = _Printer()
     text = printer.text(code)
-    boxes = ", ".join(ir.BOXES)
+    boxes = ", ".join(BOXES)
     source = f"def evaluate(scene):\n    {boxes} = scene.boxes\n{printer.lines()}    return bool({text})\n"
     return _compiled(source, printer.names, "evaluate")
 
 
-def kernel(code: ir.Code) -> ir.Kernel:
+def kernel(code: Code) -> Kernel:
     """The kernel with that code, shared by all programs that contain it."""
     printer = _Printer()
     text = printer.text(code)
-    source = f"def kernel({ir.LOCAL_BOX}):\n{printer.lines()}    return {text}\n"
+    source = f"def kernel({LOCAL_BOX}):\n{printer.lines()}    return {text}\n"
     known = _KERNELS.get(source)
     if known is None:
         compute = _compiled(source, printer.names, "kernel")
-        known = _KERNELS[source] = ir.Kernel(box_functions.memoised(f"program {source}", compute), code)
+        known = _KERNELS[source] = Kernel(box_functions.memoised(f"program {source}", compute), code)
     return known
 
 
@@ -52,33 +53,33 @@ class _Printer:
     def __init__(self) -> None:
         self.names: AnyDict = dict(box_functions.NAMES)
         self._hoisted: dict[str, str] = {}  # calls of vectorised words within loops, by the variable with their value
-        self._kernels: dict[ir.Kernel, str] = {}
+        self._kernels: dict[Kernel, str] = {}
 
     def lines(self) -> str:
         return "".join(f"    {name} = {text}\n" for name, text in self._hoisted.items())
 
-    def text(self, code: ir.Code, *, in_loop: bool = False) -> str:
-        def inner(part: ir.Code) -> str:
+    def text(self, code: Code, *, in_loop: bool = False) -> str:
+        def inner(part: Code) -> str:
             return self.text(part, in_loop=in_loop)
 
         match code:
-            case ir.Number(value=value):
+            case Number(value=value):
                 return str(value)
-            case ir.LoopIndex(name=name):
+            case LoopIndex(name=name):
                 return name
-            case ir.ItemCount(box=box):
+            case ItemCount(box=box):
                 return f"len({box}.items)"
-            case ir.BoxCall():
+            case BoxCall():
                 return self._call(code, in_loop)
-            case ir.Where(index=index, mask=mask, condition=condition):
+            case Where(index=index, mask=mask, condition=condition):
                 condition = self.text(condition, in_loop=True)
                 return f"sum([1 << {index} for {index} in bits({inner(mask)}) if {condition}])"
-            case ir.Apply(operator=operator, operands=operands):
+            case Apply(operator=operator, operands=operands):
                 return _applied(operator, list(map(inner, operands)))
             case _:
                 raise AssertionError(code)
 
-    def _call(self, call: ir.BoxCall, in_loop: bool) -> str:
+    def _call(self, call: BoxCall, in_loop: bool) -> str:
         name = f"word_{call.name}"
         function = call.function
         if call.kernel is not None:
@@ -101,4 +102,4 @@ def _applied(operator: str, operands: list[str]) -> str:
     return f"({' '.join([operands[0], *(f'{sign} {operand}' for sign, operand in compared)])})"
 
 
-_KERNELS: WeakValueDictionary[str, ir.Kernel] = WeakValueDictionary()  # by source
+_KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # by source

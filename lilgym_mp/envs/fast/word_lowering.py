@@ -9,62 +9,78 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import partial
 
-from lilgym_mp.envs.fast import box_functions, ir
+from lilgym_mp.envs.fast import box_functions
+from lilgym_mp.envs.fast.ir import (
+    AttributeSet,
+    AttributeValue,
+    Bool,
+    BoxCall,
+    Boxes,
+    Int,
+    ItemMask,
+    Items,
+    Number,
+    Value,
+    as_truth,
+    narrow,
+    operate,
+    unsupported,
+)
 from lilgym_mp.programs.values import ATTRIBUTE_TYPES
 from lilgym_mp.programs.words import WORDS, Word
 
 
-def _lower_exist(s: ir.Value) -> ir.Bool:
-    if not isinstance(s, ir.Items | ir.Boxes | ir.AttributeSet):
-        ir.unsupported("exist")
-    return ir.as_truth(s)
+def _lower_exist(s: Value) -> Bool:
+    if not isinstance(s, Items | Boxes | AttributeSet):
+        unsupported("exist")
+    return as_truth(s)
 
 
-def _lower_count(s: ir.Value) -> ir.Int:
+def _lower_count(s: Value) -> Int:
     match s:
-        case ir.Items():
-            return ir.Int(ir.operate("+", *(part.count for part in s.parts)))
-        case ir.Boxes():
-            return ir.Int(ir.operate("+", ir.Number(0), *s.conditions))
-        case ir.AttributeSet():
-            return ir.Int(ir.operate("bit_count", s.code))
+        case Items():
+            return Int(operate("+", *(part.count for part in s.parts)))
+        case Boxes():
+            return Int(operate("+", Number(0), *s.conditions))
+        case AttributeSet():
+            return Int(operate("bit_count", s.code))
         case _:
-            ir.unsupported("count")
+            unsupported("count")
 
 
 # Words with one variant per attribute
 
 
-def _lower_values(attribute: str, s: ir.Value) -> ir.AttributeSet:
-    if not isinstance(s, ir.Items):
-        ir.unsupported("values")
+def _lower_values(attribute: str, s: Value) -> AttributeSet:
+    if not isinstance(s, Items):
+        unsupported("values")
     bits = [
-        ir.operate("<<", ir.narrow(part, _value_mask(value, part.box)).nonempty, ir.Number(value.value))
+        operate("<<", narrow(part, _value_mask(value, part.box)).nonempty, Number(value.value))
         for part in s.parts
         for value in ATTRIBUTE_TYPES[attribute]
     ]
-    return ir.AttributeSet(ir.operate("|", *bits))
+    return AttributeSet(operate("|", *bits))
 
 
-def _lower_filter(attribute: str, s: ir.Value, value: ir.Value) -> ir.Items:
-    if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue):
-        ir.unsupported("filter")
+def _lower_filter(attribute: str, s: Value, value: Value) -> Items:
+    if not isinstance(s, Items) or not isinstance(value, AttributeValue):
+        unsupported("filter")
     if not isinstance(value.value, ATTRIBUTE_TYPES[attribute]):
-        ir.unsupported("filter by another attribute")
-    return ir.Items(tuple(ir.narrow(part, _value_mask(value.value, part.box)) for part in s.parts))
+        unsupported("filter by another attribute")
+    return Items(tuple(narrow(part, _value_mask(value.value, part.box)) for part in s.parts))
 
 
-def _value_mask(value: Enum, box: str) -> ir.ItemMask:
+def _value_mask(value: Enum, box: str) -> ItemMask:
     """The mask of the test for a colour, shape or size, such as `is_yellow`."""
     test = WORDS[f"is_{value.name.lower()}"]
-    return ir.ItemMask(ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ())))
+    return ItemMask(BoxCall(box, test.name, box_functions.vectorised_test(test, ())))
 
 
-def _lower_all_same(attribute: str, s: ir.Value) -> ir.Bool:
-    return ir.Bool(ir.operate("==", _lower_count(_lower_values(attribute, s)).code, ir.Number(1)))
+def _lower_all_same(attribute: str, s: Value) -> Bool:
+    return Bool(operate("==", _lower_count(_lower_values(attribute, s)).code, Number(1)))
 
 
-_LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
+_LOWERINGS: Mapping[str, Callable[..., Value]] = {  # by the form of the word
     "exist": _lower_exist,
     "count": _lower_count,
     "len": _lower_count,
@@ -74,7 +90,7 @@ _LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
 }
 
 
-def lowering_of(word: Word) -> Callable[..., ir.Value] | None:
+def lowering_of(word: Word) -> Callable[..., Value] | None:
     """What lowers a call of the word, given its arguments; None if nothing does."""
     lower = _LOWERINGS.get(word.form)
     return partial(lower, word.attribute) if lower is not None and word.attribute else lower

@@ -22,7 +22,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int64Array, Rng
 from lilgym_mp.scene.choices import checked_count
 
 BatchStep = tuple[
@@ -92,7 +92,7 @@ class BatchedGames:
         self._all = np.arange(num_games)
         self._own_turn_rewards = np.zeros((len(Role), num_games))
         self._is_started = self._is_closed = False
-        self._generators: list[np.random.Generator] = []  # empty before the first reset
+        self._generators: list[Rng] = []  # empty before the first reset
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)

@@ -26,7 +26,7 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int8Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int8Array, Rng, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
@@ -77,7 +77,7 @@ class GameEngine:
     def __init__(self, game: Game, render_mode: str | None = None) -> None:
         self.game = game
         self.games = ObservedGames(game, 1)
-        self._rng: np.random.Generator | None = None  # made when it is first needed
+        self._rng: Rng | None = None  # made when it is first needed
         self._is_seeded = False
         self._renderer = make_renderer(render_mode)
         self.render_mode = render_mode
@@ -91,7 +91,7 @@ class GameEngine:
         return vars(self) | ({} if self._is_seeded else {"_rng": None})
 
     @property
-    def rng(self) -> np.random.Generator:
+    def rng(self) -> Rng:
         """The generator of the game's random numbers; made from entropy unless `reset` got a seed."""
         if self._rng is None:
             self._rng, _ = seeding.np_random()

@@ -36,7 +36,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, View
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene.actions import checked_index, describe
-from lilgym_mp.scene.arrays import BoolArray, Int8Array
+from lilgym_mp.scene.arrays import BoolArray, Int8Array, Rng
 
 SILENCE = 0  # the empty message
 WAIT_NAME = "wait"
@@ -155,11 +155,11 @@ class Game:
         other.views = (View(history=self.history_length),) * 2
         return other
 
-    def sample_task_index(self, rng: np.random.Generator) -> int:
+    def sample_task_index(self, rng: Rng) -> int:
         """The index of the next episode's task, uniformly drawn."""
         return int(rng.integers(len(self.tasks)))
 
-    def sample_intent(self, rng: np.random.Generator) -> Intent:
+    def sample_intent(self, rng: Rng) -> Intent:
         """The next episode's intent; uses `rng` only if intents are drawn."""
         if self.draws_intent and rng.random() < self.settings.deceptive_share:
             return Intent.DECEPTIVE

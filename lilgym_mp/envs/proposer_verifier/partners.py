@@ -22,7 +22,7 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float64Array, Int8Array, Int64Array, Rng
 from lilgym_mp.scene.choices import choose
 
 
@@ -36,7 +36,7 @@ class PartnerTurn:
 
     games: ObservedGames
     role: Role
-    rng: np.random.Generator
+    rng: Rng
     index: int = 0  # of the game
     observe: Callable[[Role], AgentObservation] | None = None  # the observation as wrappers change it
 
@@ -88,7 +88,7 @@ class BatchTurn:
     role: Role
     indices: Int64Array  # (k,) of the games in the batch
     episodes: Int64Array  # (k,) a number for each game, never used again: for partners that keep a plan
-    rngs: Sequence[np.random.Generator]  # (k,) each game's own
+    rngs: Sequence[Rng]  # (k,) each game's own
     endings: dict[int, str] = field(default_factory=dict[int, str])  # outcomes, by index, of games that a partner ends
 
     @classmethod

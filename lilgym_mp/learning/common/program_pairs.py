@@ -6,10 +6,10 @@ the program language are symmetric in the colours, so the parser need not learn 
 
 from __future__ import annotations
 
-import random
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.corpus.spelling import normalised_words
@@ -137,7 +137,7 @@ def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
     return compile_program(source_of(tree)).source
 
 
-def varied(pair: Pair, shapes: float, numbers: float, rng: random.Random) -> Pair:
+def varied(pair: Pair, shapes: float, numbers: float, rng: Random) -> Pair:
     """Augmentation: exchanges shapes and numbers at random where statement and program name the same ones.
 
     `shapes`, `numbers`: the fractions of the pairs in which they are exchanged.
@@ -149,7 +149,7 @@ def varied(pair: Pair, shapes: float, numbers: float, rng: random.Random) -> Pai
     return pair
 
 
-def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
+def _with_other_shapes(pair: Pair, rng: Random) -> Pair:
     in_words = {shape for shape in SHAPES if shape in pair.words or f"{shape}s" in pair.words}
     in_program = {shape for shape in SHAPES if {f"is_{shape}(1)", f"Shape.{shape.upper()}"} & {*pair.tokens}}
     if in_words != in_program or not in_words:
@@ -159,7 +159,7 @@ def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
     return _exchanged(pair, {**names, **plurals, **_exchange_of_tokens("Shape", names)})
 
 
-def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
+def _with_other_numbers(pair: Pair, rng: Random) -> Pair:
     in_words = {word for word in pair.words if word.isdigit()}
     in_program = {token[1:] for token in pair.tokens if token.startswith("#")}
     if in_words != in_program or not in_words or "1" in in_words or "0" in in_words:

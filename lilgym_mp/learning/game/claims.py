@@ -13,7 +13,7 @@ from lilgym_mp.envs.proposer_verifier import Role
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Claims, Rollout
-from lilgym_mp.scene.arrays import AnyDict, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng
 
 MAX_CLAIMS_PER_STATEMENT = 32  # in one step, at most
 
@@ -31,7 +31,7 @@ class ClaimMemory:
             claims = Claims.joined([self._claims, claims])
         self._claims = claims.rows(slice(-self._recipe.claim_memory, None))
 
-    def batches(self, rng: np.random.Generator) -> Iterator[Claims]:
+    def batches(self, rng: Rng) -> Iterator[Claims]:
         """`claim_steps` batches, of few statements each."""
         if self._claims is None or not len(self._claims.holds):
             return

@@ -21,7 +21,16 @@ from lilgym_mp.learning.game.network import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import HIDDEN_STATEMENT, REFUSED, context_sizes, read_situations, seen_tasks
 from lilgym_mp.scene import BOX_COUNT
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array, Strings
+from lilgym_mp.scene.arrays import (
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int8Array,
+    Int16Array,
+    Int64Array,
+    Rng,
+    Strings,
+)
 
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
@@ -154,7 +163,7 @@ class RolloutPlayer:
         self._episodes = np.zeros(recipe.envs, np.int64)
 
     @torch.no_grad()
-    def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
+    def play(self, evaluate: Evaluate, rng: Rng) -> Rollout:
         """A rollout of the recipe's length."""
         recipe = self._recipe
         arrays = self._arrays
@@ -194,7 +203,7 @@ class RolloutPlayer:
                 rollout.last_values[role, moving] = as_numpy(evaluate(role, situations, None)[1])
         return rollout
 
-    def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
+    def _start(self, indices: Int64Array, rng: Rng) -> None:
         intents = np.array([int(self._game.sample_intent(rng)) for _ in indices], np.int64)
         self._arrays.start(indices, np.array(self._sampler.sample(indices, rng), np.int64), intents)
         self._episodes[indices] = self._episodes.max() + 1 + np.arange(len(indices))
@@ -205,7 +214,7 @@ class RolloutPlayer:
         turn: int,
         evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
-        rng: np.random.Generator,
+        rng: Rng,
     ) -> Int64Array:
         """Both agents' actions (2, N)."""
         arrays = self._arrays

@@ -24,10 +24,9 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs, Outputs
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, Rng
 
 MIN_PROBABILITY = 1e-13  # clamp; sets of actions below it have no gradient
-Rng = np.random.Generator
 
 
 class Batch(NamedTuple):

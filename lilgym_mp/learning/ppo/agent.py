@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from lilgym_mp.corpus import Vocabulary
@@ -22,7 +21,7 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
-from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Strings
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Rng, Strings
 
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
@@ -77,7 +76,7 @@ class ModelPolicy(Policy):
         self._table = BoxImageTable()
         self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
         boxes_of = self._table.indices(observations.images)

@@ -15,7 +15,7 @@ from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.learner import PPORecipe
-from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array, Strings
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array, Rng, Strings
 
 
 class Rollout(NamedTuple):
@@ -70,7 +70,7 @@ class RolloutCollector:
         self._observations: AnyDict = {}
         self.statistics = EpisodeStatistics()
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Starts an episode in every environment."""
         self._sampler.resample_statements(rng)
         self._reset(np.ones(self._recipe.envs, bool), self._sampler.sample(np.arange(self._recipe.envs), rng))
@@ -113,7 +113,7 @@ class RolloutCollector:
         options = {"task": task_ids, "reset_mask": mask}
         self._observations, _ = self._envs.reset(seed=0 if mask.all() else None, options=options)
 
-    def collect(self, model: Model, rng: np.random.Generator) -> Rollout:
+    def collect(self, model: Model, rng: Rng) -> Rollout:
         """A rollout of the recipe's length."""
         recipe = self._recipe
         count = self._recipe.envs
@@ -144,7 +144,7 @@ class RolloutCollector:
         return columns, table.states(self._sampler.statements, statement_of, boxes_of, targets)
 
     def _act(
-        self, model: Model, states: States, legal: BoolArray | None, rng: np.random.Generator
+        self, model: Model, states: States, legal: BoolArray | None, rng: Rng
     ) -> tuple[Int64Array, BoolArray, Float32Array, Float32Array]:
         """Actions, forced-STOP mask, log-probabilities under the unforced policy, and values."""
         with torch.no_grad():
@@ -157,7 +157,7 @@ class RolloutCollector:
         self.statistics.forced += int(forced.sum())
         return actions, forced, as_numpy(log_probabilities), as_numpy(values)
 
-    def _step(self, actions: Int64Array, rng: np.random.Generator) -> tuple[Float32Array, BoolArray]:
+    def _step(self, actions: Int64Array, rng: Rng) -> tuple[Float32Array, BoolArray]:
         """Steps the environments and restarts those whose episode ended; returns rewards and the ended mask."""
         self._observations, rewards, terminated, truncated, infos = self._envs.step(actions)
         ended = terminated | truncated

@@ -25,7 +25,7 @@ from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.appearances.tower.geometry import CAPACITY
-from lilgym_mp.scene.arrays import AnyDict, Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng, UInt8Array, one_hot
 
 COLOURS = len(Colour)
 SHAPES = len(Shape)
@@ -35,7 +35,6 @@ CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
 SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins words with which shapes are kept
 MOST_BOXES = 100_000
-Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
 
 

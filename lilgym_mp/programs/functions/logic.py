@@ -6,17 +6,30 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from lilgym_mp.programs import words
+from lilgym_mp.programs.words import (
+    AnyArg,
+    BoolArg,
+    CollectionArg,
+    ColorsArg,
+    FunctionArg,
+    IntArg,
+    ShapesArg,
+    SizesArg,
+    elements,
+    is_collection,
+    value_key,
+    word,
+)
 
 
 def _comparison(name: str, symbol: str, compare: Callable[[int, int], bool]) -> None:
     """Declares a word that compares two numbers."""
 
-    def compared(a: words.IntArg, b: words.IntArg) -> bool:
+    def compared(a: IntArg, b: IntArg) -> bool:
         return compare(a, b)
 
     compared.__doc__ = f"Whether a {symbol} b."
-    words.word("comparison", operator=symbol, name=name)(compared)
+    word("comparison", operator=symbol, name=name)(compared)
 
 
 _comparison("le", "<=", operator.le)
@@ -25,67 +38,67 @@ _comparison("lt", "<", operator.lt)
 _comparison("gt", ">", operator.gt)
 
 
-@words.word("comparison", operator="==")
-def equal_int(a: words.IntArg, b: words.IntArg) -> bool:
+@word("comparison", operator="==")
+def equal_int(a: IntArg, b: IntArg) -> bool:
     """Whether the numbers `a` and `b` are equal."""
     return a == b
 
 
-@words.word("comparison", steps_per_element=8)
-def equal(a: words.AnyArg, b: words.AnyArg) -> bool:
+@word("comparison", steps_per_element=8)
+def equal(a: AnyArg, b: AnyArg) -> bool:
     """Whether `a` equals `b`. Values of different types are compared as sets, a single value as {value}."""
     if type(a) is type(b):
         return a == b
-    return {words.value_key(x) for x in _as_list(a)} == {words.value_key(x) for x in _as_list(b)}
+    return {value_key(x) for x in _as_list(a)} == {value_key(x) for x in _as_list(b)}
 
 
-@words.word("comparison", attribute="color")
-def equal_color(a: words.ColorsArg, b: words.ColorsArg) -> bool:
+@word("comparison", attribute="color")
+def equal_color(a: ColorsArg, b: ColorsArg) -> bool:
     """`equal`, restricted to colours and collections of colours."""
     return equal(a, b)
 
 
-@words.word("comparison", attribute="size")
-def equal_size(a: words.SizesArg, b: words.SizesArg) -> bool:
+@word("comparison", attribute="size")
+def equal_size(a: SizesArg, b: SizesArg) -> bool:
     """`equal`, restricted to sizes and collections of sizes."""
     return equal(a, b)
 
 
-@words.word("comparison", attribute="shape")
-def equal_shape(a: words.ShapesArg, b: words.ShapesArg) -> bool:
+@word("comparison", attribute="shape")
+def equal_shape(a: ShapesArg, b: ShapesArg) -> bool:
     """`equal`, restricted to shapes and collections of shapes."""
     return equal(a, b)
 
 
-@words.word("logic", operator="and")
-def AND(a: words.BoolArg, b: words.BoolArg) -> bool:
+@word("logic", operator="and")
+def AND(a: BoolArg, b: BoolArg) -> bool:
     """Whether both are true. Both must be bools, and both are evaluated."""
     return a and b
 
 
-@words.word("logic", operator="or")
-def OR(a: words.BoolArg, b: words.BoolArg) -> bool:
+@word("logic", operator="or")
+def OR(a: BoolArg, b: BoolArg) -> bool:
     """Whether at least one is true. Both must be bools, and both are evaluated."""
     return a or b
 
 
-@words.word("logic", operator="not")
-def NOT(a: words.BoolArg) -> bool:
+@word("logic", operator="not")
+def NOT(a: BoolArg) -> bool:
     """Whether `a` is false. It must be a bool."""
     return not a
 
 
-@words.word("logic", name="All")
-def every(s: words.CollectionArg, f: words.FunctionArg) -> bool:
+@word("logic", name="All")
+def every(s: CollectionArg, f: FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for all x in `s`; false for an empty `s`. Stops at the first failure."""
     return bool(s) and all(f(x) is True for x in s)
 
 
-@words.word("logic", name="Any")
-def some(s: words.CollectionArg, f: words.FunctionArg) -> bool:
+@word("logic", name="Any")
+def some(s: CollectionArg, f: FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for some x in `s`. Stops at the first success."""
     return any(f(x) is True for x in s)
 
 
 def _as_list(value: Any) -> list[Any]:
-    return words.elements(value) if words.is_collection(value) else [value]
+    return elements(value) if is_collection(value) else [value]
