@@ -7,7 +7,6 @@ from typing import Any, cast
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.locations import fixed_path
@@ -16,7 +15,7 @@ from lilgym_mp.envs.observation import EMPTY, TokenSpace, flat_space
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.appearances.grids import cell_size
-from lilgym_mp.scene.arrays import Float32Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array, UInt8Array
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
     IMAGE,
@@ -120,9 +119,7 @@ class Planes(SceneFormat):
         """(items, 2) column and row of each pixel, clipped to the grid."""
         return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
 
-    def _count_planes(
-        self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array
-    ) -> NDArray[np.uint8]:
+    def _count_planes(self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array) -> UInt8Array:
         """(size, planes, rows, columns) numbers of items of each shape, colour and size centred in each cell."""
         shape = (size, PLANE_COUNT, self.rows, self.columns)
         column = cells[:, :1]
@@ -132,7 +129,7 @@ class Planes(SceneFormat):
         ) * self.columns + column
         return np.bincount(indices.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
 
-    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
+    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> BoolArray:
         """(size, rows, columns) the cells that overlap an item's bounding square."""
         # Summed-area trick: +1 and -1 at each rectangle's corners; cumulative sums along both axes fill it.
         shape = (size, self.rows + 1, self.columns + 1)

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from lilgym_mp.corpus.locations import PathLike
-from lilgym_mp.scene.arrays import Strings
+from lilgym_mp.scene.arrays import Int64Array, Strings
 
 PAD = 0
 UNKNOWN = 1
@@ -99,7 +98,7 @@ class Vocabulary:
         """
         return self._ids.get(word, UNKNOWN)
 
-    def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:
+    def encode(self, statement: str, length: int) -> Int64Array:
         """The statement's token ids, int64 (length,), padded or truncated at the end.
 
         Args:

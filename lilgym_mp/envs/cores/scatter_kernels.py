@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.envs.cores.kernels import (
@@ -25,7 +24,7 @@ from lilgym_mp.scene.appearances.scatter import actions, geometry
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
 from lilgym_mp.scene.appearances.scatter.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
 from lilgym_mp.scene.appearances.scatter.geometry import FIRST_TOO_FAR, LARGEST_MOVE, OFFSET_LIMIT, OVERLAPPING, TIED
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, UInt16Array
 
 TIE = -2  # sentinel instead of a reason: ambiguous snap, resolved by `tied_move`
 ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
@@ -42,7 +41,7 @@ class GridTables(NamedTuple):
 
     clearance: UInt8Array  # `geometry.PlacementTables`
     moves: UInt8Array
-    areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
+    areas: UInt16Array  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `LAST_CORNER`
     cell_count: int  # cells of the grid
     cell_width: int
@@ -94,7 +93,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     )
 
 
-def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
+def _area_ranks(cell_width: int, cell_height: int) -> UInt16Array:
     areas = geometry.cell_areas(cell_width, cell_height)
     _, ranks = np.unique(areas, return_inverse=True)
     return ranks.reshape(areas.shape).astype(np.uint16)

@@ -22,14 +22,14 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int64Array, Rng
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int64Array, Rng
 from lilgym_mp.scene.choices import checked_count
 
 BatchStep = tuple[
     dict[str, AgentObservation],
-    dict[str, NDArray[np.float64]],  # (N,)
-    NDArray[np.bool_],  # (N,) terminated
-    NDArray[np.bool_],  # (N,) truncated
+    dict[str, Float64Array],  # (N,)
+    BoolArray,  # (N,) terminated
+    BoolArray,  # (N,) truncated
     AnyDict,
 ]
 
@@ -166,7 +166,7 @@ class BatchedGames:
         moved = games.movers.copy()
         games.step(proposers, verifiers)
         self._own_turn_rewards = np.where(moved, 0.0, self._own_turn_rewards) + games.rewards
-        rewards: dict[str, NDArray[np.float64]] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
+        rewards: dict[str, Float64Array] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
         terminated = games.terminated.copy()
         truncated = games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
