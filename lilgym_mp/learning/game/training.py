@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
 from lilgym_mp.evaluation.game_partners import (
     BUILDER,
     GUIDE,
@@ -106,7 +107,7 @@ class GameRun(TrainingRun):
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, split="train", reveal_truth=True)
         self.recipe = recipe
-        named = {Role.PROPOSER: proposers, Role.VERIFIER: verifiers}
+        named = {PROPOSER: proposers, VERIFIER: verifiers}
         partners = {role: found for role, found in named.items() if found}
         self.roles = [role for role in Role if role not in partners]
         if not self.roles:
@@ -214,8 +215,8 @@ class GameRun(TrainingRun):
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
         """The complete own turns of a network's agents; None if its verifier learns from claims alone."""
         roles = [role for role in self.roles if self._network_of[role] == name]
-        if self.recipe.judges_only and Role.VERIFIER in roles:
-            roles.remove(Role.VERIFIER)
+        if self.recipe.judges_only and VERIFIER in roles:
+            roles.remove(VERIFIER)
         if not roles:
             return None
         recipe = self.recipe
@@ -245,7 +246,7 @@ class GameRun(TrainingRun):
             if not len(mine):
                 continue
             legal = None
-            if role is Role.PROPOSER and self.recipe.mask:
+            if role is PROPOSER and self.recipe.mask:
                 legal = rollout.legal[turns[mine], games[mine]]
             situations = [one._replace(context=one.context[mine]) for one, _ in whole]
             encoded = [torch.from_numpy(state_of[mine]).to(self.device) for _, state_of in whole]
@@ -272,9 +273,9 @@ class GameRun(TrainingRun):
 
     def _learn_claims(self, rollout: Rollout) -> list[tuple[float, float]]:
         """Optimiser steps on remembered claims; losses and accuracies."""
-        if Role.VERIFIER not in self.roles or not self.recipe.learns_claims:
+        if VERIFIER not in self.roles or not self.recipe.learns_claims:
             return []
-        name = self._network_of[Role.VERIFIER]
+        name = self._network_of[VERIFIER]
         network = self._actors[name]
         optimiser = self._optimisers[name]
         self._memory.add(rollout.claims)
@@ -349,7 +350,7 @@ class GameRun(TrainingRun):
         network = next(iter(actors.values()))
         programs = ", and programs to exchange colours" if recipe.recolour else ""
         supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
-        if Role.VERIFIER in self.roles and recipe.learns_claims:
+        if VERIFIER in self.roles and recipe.learns_claims:
             supervision += ", truth of claims judged at the end of games"
         supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
         details = {
@@ -392,12 +393,12 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     """A scripted partner by name, or that of a run: a proposer samples, a verifier takes the most probable actions."""
     if not isinstance(given, Path):
         return given
-    scripted = scripted_verifiers if role is Role.VERIFIER else scripted_proposers
+    scripted = scripted_verifiers if role is VERIFIER else scripted_proposers
     if (partner := scripted(settings.dynamics()).get(str(given))) is not None:
         if str(given) in (GUIDE, BUILDER) and not can_guide(settings):
             raise AgentError(
                 f"{given} needs one message of verifier_0 for each action, as views {GUIDE!r} give it in critique;"
-                f" this game has message_size {settings.message_sizes()[Role.VERIFIER]}"
+                f" this game has message_size {settings.message_sizes()[VERIFIER]}"
             )
         return partner
     agent = load_agent(agent_file(given), device)
@@ -409,7 +410,7 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     if agent.settings.message_sizes() != settings.message_sizes():
         own, wanted = (dict(zip(AGENTS, each.message_sizes(), strict=True)) for each in (agent.settings, settings))
         raise AgentError(f"{given}: trained with message_size {own}; this game has {wanted}")
-    partner = agent.partner(role, sampled=role is Role.PROPOSER)
+    partner = agent.partner(role, sampled=role is PROPOSER)
     if partner is None:
         raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
     return partner
