@@ -28,19 +28,7 @@ from lilgym_mp.scene.choices import load_extensions
 from lilgym_mp.submodules import submodule_getter
 
 # Modules of this package, in the order of --help.
-COMMANDS = (
-    "play",
-    "train",
-    "evaluate",
-    "report",
-    "experiment",
-    "explain",
-    "solve",
-    "data",
-    "llm",
-    "bench",
-    "serve",
-)
+COMMANDS = ("play", "train", "evaluate", "report", "experiment", "explain", "solve", "data", "llm", "bench", "serve")
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
 USAGE_ERROR = 2  # exit code: invalid arguments

@@ -33,9 +33,9 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.terminal import Progress, hanging, shows_colours
-from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
+from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.programs.tracing import trace
+from lilgym_mp.programs.tracing import explain_program, trace
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import APPEARANCES

@@ -8,8 +8,8 @@ from collections.abc import Callable, Hashable
 from functools import lru_cache
 from typing import Any
 
-from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError
-from lilgym_mp.programs.syntax import Node, parse, word_names
+from lilgym_mp.programs.errors import FallbackError, ProgramRuntimeError
+from lilgym_mp.programs.syntax import Node, parse
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
@@ -156,27 +156,6 @@ def compile_program(source: str) -> Program:
 
 
 _compiled = lru_cache(maxsize=CACHE_SIZE)(Program)
-
-
-def explain_program(source: str) -> str:
-    """Human-readable text about a program, valid or not.
-
-    Args:
-        source: The program's text.
-
-    Returns:
-        The error in the source, or the words it uses and its value on the empty scene.
-    """
-    try:
-        program = compile_program(source)
-    except ProgramError as fault:
-        return f"invalid program: {fault.explain()}"
-    try:
-        value = str(program.evaluate(Scene.empty()))
-    except ProgramRuntimeError as fault:
-        value = f"no value ({fault})"
-    words = ", ".join(sorted(word_names(program.tree))) or "none"
-    return f"valid program\nwords: {words}\non the empty scene: {value}"
 
 
 def forget_programs(memo: dict[Hashable, Any]) -> None:

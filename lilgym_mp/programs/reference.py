@@ -10,28 +10,8 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from lilgym_mp.programs import costs
+from lilgym_mp.programs import costs, syntax
 from lilgym_mp.programs.errors import ProgramRuntimeError, StepLimitError
-from lilgym_mp.programs.syntax import (
-    METHODS,
-    Arithmetic,
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Slice,
-    Subscript,
-    Variable,
-    WordName,
-    own_size,
-    parse,
-)
 from lilgym_mp.programs.values import BoxView, Color, ItemView, SceneView, Shape, Side, Size
 from lilgym_mp.programs.words import FunctionValue, Word, describe
 from lilgym_mp.scene import Scene
@@ -132,37 +112,37 @@ Variables = AnyDict
 Closure = Callable[[Evaluation, Variables], Any]
 
 
-def build_closure(node: Node) -> Closure:
+def build_closure(node: syntax.Node) -> Closure:
     """Compiles a node to a closure from the evaluation state and the enclosing variables to the node's value."""
     match node:
-        case Constant(value=value):
+        case syntax.Constant(value=value):
             return lambda evaluation, variables: value
-        case SceneName(name="all_boxes"):
+        case syntax.SceneName(name="all_boxes"):
             return lambda evaluation, variables: list(evaluation.view.boxes)
-        case SceneName():
+        case syntax.SceneName():
             return _all_items
-        case Variable(name=name):
+        case syntax.Variable(name=name):
             return lambda evaluation, variables: variables[name]
-        case WordName(word=word):
+        case syntax.WordName(word=word):
             return lambda evaluation, variables: _word_value(evaluation, word)
-        case Lambda():
+        case syntax.Lambda():
             return _lambda(node)
-        case Call():
+        case syntax.Call():
             return _call(node)
-        case Member():
+        case syntax.Member():
             return _member(node)
-        case Logic():
+        case syntax.Logic():
             return _logic(node)
-        case Not(operand=operand):
+        case syntax.Not(operand=operand):
             closure = build_closure(operand)
             return lambda evaluation, variables: not closure(evaluation, variables)
-        case Comparison():
+        case syntax.Comparison():
             return _comparison(node)
-        case Arithmetic():
+        case syntax.Arithmetic():
             return _arithmetic(node)
-        case Subscript() | Slice():
+        case syntax.Subscript() | syntax.Slice():
             return _subscript(node)
-        case Display():
+        case syntax.Display():
             return _display(node)
 
 
@@ -198,10 +178,10 @@ def _word_value(evaluation: Evaluation, word: Word) -> FunctionValue:
     return found
 
 
-def _lambda(node: Lambda) -> Closure:
+def _lambda(node: syntax.Lambda) -> Closure:
     parameter = node.parameter
     body = build_closure(node.body)
-    steps = costs.LAMBDA + costs.NODE * own_size(node.body)
+    steps = costs.LAMBDA + costs.NODE * syntax.own_size(node.body)
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
         def call(value: Any) -> Any:
@@ -217,7 +197,7 @@ def _lambda(node: Lambda) -> Closure:
     return closure
 
 
-def _call(node: Call) -> Closure:
+def _call(node: syntax.Call) -> Closure:
     word = node.word
     closures = [None if argument is None else build_closure(argument) for argument in node.arguments]
     defaults = [parameter.default for parameter in word.parameters]
@@ -242,10 +222,10 @@ def _constant(value: Any) -> Closure:
     return lambda evaluation, variables: value
 
 
-def _member(node: Member) -> Closure:
+def _member(node: syntax.Member) -> Closure:
     of = build_closure(node.of)
     name = node.name
-    owner, owner_name = (BoxView, "a box") if name in METHODS else (ItemView, "an item")
+    owner, owner_name = (BoxView, "a box") if name in syntax.METHODS else (ItemView, "an item")
 
     def read(evaluation: Evaluation, variables: Variables) -> Any:
         value = of(evaluation, variables)
@@ -260,7 +240,7 @@ def _member(node: Member) -> Closure:
     return call if node.called else read
 
 
-def _logic(node: Logic) -> Closure:
+def _logic(node: syntax.Logic) -> Closure:
     closures = [build_closure(operand) for operand in node.operands]
     stop_at = node.operator == "or"
 
@@ -287,7 +267,7 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _comparison(node: Comparison) -> Closure:
+def _comparison(node: syntax.Comparison) -> Closure:
     left_closure = build_closure(node.left)
     steps = [(name, build_closure(right)) for name, right in zip(node.operators, node.rights, strict=True)]
 
@@ -320,7 +300,7 @@ def _operate(
         raise ProgramRuntimeError(f"{name}: the right side is 0") from None
 
 
-def _arithmetic(node: Arithmetic) -> Closure:
+def _arithmetic(node: syntax.Arithmetic) -> Closure:
     closures = (build_closure(node.left), build_closure(node.right))
     name = node.operator
     operation = {"+": operator.add, "%": operator.mod}[node.operator]
@@ -334,9 +314,9 @@ def _arithmetic(node: Arithmetic) -> Closure:
     return closure
 
 
-def _subscript(node: Subscript | Slice) -> Closure:
+def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
     of = build_closure(node.of)
-    if isinstance(node, Subscript):
+    if isinstance(node, syntax.Subscript):
         parts = [build_closure(node.index)]
     else:
         parts = [part and build_closure(part) for part in (node.start, node.stop, node.step)]
@@ -354,7 +334,7 @@ def _subscript(node: Subscript | Slice) -> Closure:
                 raise ProgramRuntimeError(f"[ ]: an index must be an int, not {describe(index)}")
         sequence = cast("list[Any]", value)
         evaluation.charge(costs.OPERATION + len(sequence))
-        if isinstance(node, Slice):
+        if isinstance(node, syntax.Slice):
             if indices[2] == 0:
                 raise ProgramRuntimeError("[ ]: the step of a slice cannot be 0")
             return sequence[slice(*indices)]
@@ -366,7 +346,7 @@ def _subscript(node: Subscript | Slice) -> Closure:
     return closure
 
 
-def _display(node: Display) -> Closure:
+def _display(node: syntax.Display) -> Closure:
     closures = [build_closure(element) for element in node.elements]
     kind = node.kind
 
@@ -380,26 +360,3 @@ def _display(node: Display) -> Closure:
             raise ProgramRuntimeError("{ }: a list or a set cannot be an element of a set") from None
 
     return closure
-
-
-def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = costs.BOUNDED_STEPS) -> list[bool | None]:
-    """The truth values of a program of unknown origin, None where it has none, within a total time.
-
-    Compiling nothing and caching nothing, it takes at most about 40 milliseconds with the default limit on the steps of
-    all evaluations together. Raises ProgramError when `source` is not a valid program, StepLimitError beyond the limit.
-    """
-    closure = build_closure(tree := parse(source))
-    size = own_size(tree)
-    truths: list[bool | None] = []
-    steps_left = step_limit
-    for scene in scenes:
-        evaluation = Evaluation(scene, steps_left)
-        try:
-            evaluation.charge(size)
-            truths.append(evaluate(closure, evaluation))
-        except StepLimitError:
-            raise StepLimitError(f"the program needs more than {step_limit} steps on {len(scenes)} scenes") from None
-        except ProgramRuntimeError:
-            truths.append(None)
-        steps_left = evaluation.steps_left
-    return truths

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
-from lilgym_mp.programs.errors import ProgramRuntimeError
+from lilgym_mp.programs.compiler import compile_program
+from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.reference import Evaluation, build_closure
 from lilgym_mp.programs.syntax import (
@@ -19,6 +20,7 @@ from lilgym_mp.programs.syntax import (
     free_variables,
     own_size,
     parse,
+    word_names,
 )
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import elements
@@ -142,3 +144,24 @@ def item_text(box_index: int, index: int, item: Item) -> str:
     middle_y = item.y + item.side // 2
     cell = f"column {middle_x // CELL_SIDE}, row {middle_y // CELL_SIDE}"
     return f"{item.size.name} {colour} {item.shape.name} at {cell}".lower()
+
+
+def explain_program(source: str) -> str:
+    """Human-readable text about a program, valid or not.
+
+    Args:
+        source: The program's text.
+
+    Returns:
+        The error in the source, or the words it uses and its value on the empty scene.
+    """
+    try:
+        program = compile_program(source)
+    except ProgramError as fault:
+        return f"invalid program: {fault.explain()}"
+    try:
+        value = str(program.evaluate(Scene.empty()))
+    except ProgramRuntimeError as fault:
+        value = f"no value ({fault})"
+    words = ", ".join(sorted(word_names(program.tree))) or "none"
+    return f"valid program\nwords: {words}\non the empty scene: {value}"

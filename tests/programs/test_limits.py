@@ -16,7 +16,8 @@ from lilgym_mp.programs import (
     compile_program,
     costs,
 )
-from lilgym_mp.programs.reference import Evaluation, bounded_truths, build_closure, evaluate
+from lilgym_mp.programs.bounded import bounded_truths
+from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.stress.program_language import ATTACKS, attack, crowded_scene, run_limited

@@ -19,7 +19,7 @@ from lilgym_mp.programs import (
     StepLimitError,
     compile_program,
 )
-from lilgym_mp.programs.reference import bounded_truths
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.scene import BOX_COUNT, Scene
 

@@ -18,7 +18,7 @@ from lilgym_mp.contrib.rlvr.regrets import credit
 from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of, right_answer
 from lilgym_mp.envs.rules import State
 from lilgym_mp.programs import ProgramError, StepLimitError
-from lilgym_mp.programs.reference import bounded_truths
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose

@@ -133,12 +133,8 @@ def draw_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int, sign:
     if scenes.is_unfit[row // BOX_COUNT]:
         return
     x, y, item_type = decode_item(item)
-    odd_x = x & 1
-    odd_y = y & 1
-    shrink = drawing.shrink
-    left = (x - odd_x) // shrink
-    top = (y - odd_y) // shrink
-    env_id = row // BOX_COUNT
+    odd_x, odd_y, shrink = x & 1, y & 1, drawing.shrink
+    left, top, env_id = (x - odd_x) // shrink, (y - odd_y) // shrink, row // BOX_COUNT
     first = 3 * (top * drawing.width + row % BOX_COUNT * (BOX_PITCH // shrink) + left)
     line = item_type if sign > 0 else ITEM_TYPE_COUNT
     for i in range(drawing.run_counts[item_type, odd_x, odd_y]):

@@ -15,41 +15,8 @@ from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from typing import NamedTuple, cast
 
-from lilgym_mp.envs.fast import box_functions, printing
-from lilgym_mp.envs.fast.ir import (
-    BOXES,
-    FALSE,
-    LOCAL_BOX,
-    MAX_ITEMS,
-    TRUE,
-    AttributeValue,
-    Bool,
-    BoxCall,
-    Boxes,
-    BoxItems,
-    BoxRef,
-    Code,
-    Int,
-    ItemMask,
-    ItemRef,
-    Items,
-    Kernel,
-    LoopIndex,
-    Number,
-    Scope,
-    Unsupported,
-    Value,
-    Where,
-    as_collection,
-    as_truth,
-    codes_of,
-    max_elements,
-    max_measure_steps,
-    narrow,
-    negate,
-    operate,
-    unsupported,
-)
+from lilgym_mp.envs.fast import box_functions, ir, printing
+from lilgym_mp.envs.fast.ir import Bool, Code, Scope, Value, operate, unsupported
 from lilgym_mp.envs.fast.word_lowering import lowering_of
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.syntax import (
@@ -86,7 +53,7 @@ def generate_code(tree: Node) -> Code | None:
     try:
         value = Generator(Context(), kernel=False).lower(tree, {})
         return value.code if isinstance(value, Bool) else None
-    except (Unsupported, RecursionError, MemoryError, SyntaxError):
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
@@ -95,14 +62,14 @@ def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
     code = generate_code(tree)
     try:
         return code and printing.scene_function(code)
-    except (Unsupported, RecursionError, MemoryError, SyntaxError):
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
 class _KernelUse(NamedTuple):
     """A kernel in one program."""
 
-    kernel: Kernel
+    kernel: ir.Kernel
     steps: int  # upper bound on the evaluation steps of a call
 
 
@@ -139,8 +106,8 @@ class Generator:
 
     def charge_call(self, word: Word, *values: Value) -> None:
         """Charges a call of a word for as many elements as its arguments can have."""
-        measuring = sum(map(max_measure_steps, values))
-        self.charge(measuring + word.steps(sum(map(max_elements, values)), MAX_ITEMS))
+        measuring = sum(map(ir.max_measure_steps, values))
+        self.charge(measuring + word.steps(sum(map(ir.max_elements, values)), ir.MAX_ITEMS))
 
     def charge_lambda(self, body: Node) -> None:
         """Charges one call of a function with this body."""
@@ -148,7 +115,7 @@ class Generator:
 
     def charge_operator(self, *values: Value) -> None:
         """Charges an operator for all elements of its operands."""
-        self.charge(costs.OPERATION + sum(map(max_measure_steps, values)) + sum(map(max_elements, values)))
+        self.charge(costs.OPERATION + sum(map(ir.max_measure_steps, values)) + sum(map(ir.max_elements, values)))
 
     # Kernels and vectorised words
 
@@ -169,7 +136,7 @@ class Generator:
                 unsupported("too long")
             use = self.context.kernels[key] = _KernelUse(printing.kernel(code), steps)
         self.charge(use.steps)
-        return BoxCall(box, "kernel", use.kernel.function, use.kernel)
+        return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel)
 
     def can_be_kernel(self, function: Lambda) -> bool:
         """Whether the function reads nothing but its parameter, so that its code can be shared."""
@@ -188,8 +155,8 @@ class Generator:
         if isinstance(node, Logic):
             return self.logic(node, scope, strict=False)
         value = self.lower(node, scope)
-        self.charge(max_measure_steps(value))
-        return as_truth(value)
+        self.charge(ir.max_measure_steps(value))
+        return ir.as_truth(value)
 
     def logic(self, node: Logic, scope: Scope, *, strict: bool) -> Bool:
         """Code for `and` or `or` of the operands' conditions."""
@@ -201,22 +168,22 @@ class Generator:
         self.charge(0)
         match node:
             case Constant(value=bool() as value):
-                return TRUE if value else FALSE
+                return ir.TRUE if value else ir.FALSE
             case Constant(value=int() as value):
-                return Int(Number(value))
+                return ir.Int(ir.Number(value))
             case Constant(value=Color() | Shape() | Size() as value):
-                return AttributeValue(value)
+                return ir.AttributeValue(value)
             case SceneName(name="all_boxes"):
-                return Boxes()
+                return ir.Boxes()
             case SceneName():
-                self.charge(MAX_ITEMS)
-                return Items(tuple(BoxItems(box, None) for box in BOXES))
+                self.charge(ir.MAX_ITEMS)
+                return ir.Items(tuple(ir.BoxItems(box, None) for box in ir.BOXES))
             case Variable(name=name):
                 return scope[name]
             case Logic():
                 return self.logic(node, scope, strict=True)
             case Not(operand=operand):
-                return negate(self.condition(operand, scope))
+                return ir.negate(self.condition(operand, scope))
             case Comparison():
                 return self.comparison(node, scope)
             case Arithmetic():
@@ -224,9 +191,9 @@ class Generator:
             case Subscript(of=of, index=Constant(value=int() as index)) if type(index) is int:
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
-                if collection != Boxes() or index >= len(BOXES):
+                if collection != ir.Boxes() or index >= len(ir.BOXES):
                     unsupported("subscript")
-                return BoxRef(BOXES[index])
+                return ir.BoxRef(ir.BOXES[index])
             case Member():
                 return self.member(node, scope)
             case Display(kind=kind, elements=elements) if kind is list:
@@ -236,39 +203,39 @@ class Generator:
             case _:
                 unsupported(type(node).__name__)
 
-    def listed_boxes(self, values: Sequence[Value]) -> Boxes:
+    def listed_boxes(self, values: Sequence[Value]) -> ir.Boxes:
         """A list of distinct boxes, in scene order."""
         self.charge_operator(*values)
-        boxes = [value.box for value in values if isinstance(value, BoxRef) and value.box in BOXES]
+        boxes = [value.box for value in values if isinstance(value, ir.BoxRef) and value.box in ir.BOXES]
         if not boxes or len(boxes) < len(values) or boxes != sorted(set(boxes)):
             unsupported("display")
-        return Boxes(tuple(Number(box in boxes) for box in BOXES))
+        return ir.Boxes(tuple(ir.Number(box in boxes) for box in ir.BOXES))
 
     def member(self, node: Member, scope: Scope) -> Value:
         """Code for an attribute or method of an item or a box."""
         of = self.lower(node.of, scope)
-        self.charge(1 + MAX_ITEMS)
-        if isinstance(of, BoxRef) and node.called:
+        self.charge(1 + ir.MAX_ITEMS)
+        if isinstance(of, ir.BoxRef) and node.called:
             if node.name == "is_tower":
-                return Bool(BoxCall(of.box, "is_tower", box_functions.is_tower))
-            return as_collection(of)
-        if isinstance(of, ItemRef) and node.name == "box":
-            return BoxRef(of.box)
+                return Bool(ir.BoxCall(of.box, "is_tower", box_functions.is_tower))
+            return ir.as_collection(of)
+        if isinstance(of, ir.ItemRef) and node.name == "box":
+            return ir.BoxRef(of.box)
         unsupported("member")
 
     def comparison(self, node: Comparison, scope: Scope) -> Bool:
         """Code for a comparison of numbers or truths, or of two boxes."""
         values = [self.lower(part, scope) for part in (node.left, *node.rights)]
         self.charge_operator(*values, *values)
-        if isinstance(values[0], BoxRef) and node.operators in (("==",), ("!=",)):
+        if isinstance(values[0], ir.BoxRef) and node.operators in (("==",), ("!=",)):
             other = values[1]
-            if not isinstance(other, BoxRef):
+            if not isinstance(other, ir.BoxRef):
                 unsupported("comparison of a box with something else")
             same = values[0] == other
-            return Bool(Number(same if node.operators == ("==",) else not same))
+            return Bool(ir.Number(same if node.operators == ("==",) else not same))
         if {"in", "not in"} & {*node.operators}:
             unsupported("membership")
-        return Bool(operate(" ".join(node.operators), *codes_of(values, Int, Bool)))
+        return Bool(operate(" ".join(node.operators), *ir.codes_of(values, ir.Int, Bool)))
 
     def arithmetic(self, node: Arithmetic, scope: Scope) -> Value:
         """Code for integers; a remainder needs a constant divisor other than 0."""
@@ -276,7 +243,7 @@ class Generator:
         self.charge_operator(*values)
         if node.operator == "%" and (node.right == Constant(0) or not isinstance(node.right, Constant)):
             unsupported("remainder")
-        return Int(operate(node.operator, *codes_of(values, Int)))
+        return ir.Int(operate(node.operator, *ir.codes_of(values, ir.Int)))
 
     # Calls
 
@@ -294,20 +261,20 @@ class Generator:
         lower_word = lowering_of(word)
         if lower_word is None or None in node.arguments:
             unsupported(word.name)
-        values = [as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
+        values = [ir.as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
         self.charge_call(word, *values)
         return lower_word(*values)
 
     def test(self, node: Call, scope: Scope) -> Bool:
         """Code for a test of one item: the item's bit in the mask of all that pass."""
         item = self.lower(cast("Node", node.arguments[0]), scope)
-        if not isinstance(item, ItemRef):
+        if not isinstance(item, ir.ItemRef):
             unsupported("test of something other than an item")
         return Bool(_has_bit(self.test_mask(node, item.box), item.index))
 
     def test_mask(self, node: Call, box: str) -> Code:
         """Code for the bits of a box's items that pass a test."""
-        self.charge_call(node.word, *[FALSE] * len(node.arguments))
+        self.charge_call(node.word, *[ir.FALSE] * len(node.arguments))
         constants: list[Enum] = []
         for parameter, argument in zip(node.word.parameters[1:], node.arguments[1:], strict=True):
             side = Constant(parameter.default) if argument is None else argument
@@ -315,22 +282,22 @@ class Generator:
                 unsupported("side")
             constants.append(side.value)
         name = "_".join((node.word.name, *(value.name for value in constants)))
-        return BoxCall(box, name, box_functions.vectorised_test(node.word, tuple(constants)))
+        return ir.BoxCall(box, name, box_functions.vectorised_test(node.word, tuple(constants)))
 
-    def relation(self, node: Call, scope: Scope) -> Items:
+    def relation(self, node: Call, scope: Scope) -> ir.Items:
         """Code for the items related to an item."""
         of = self.lower(cast("Node", node.arguments[0]), scope)
         self.charge_call(node.word, of)
-        if not isinstance(of, ItemRef):
+        if not isinstance(of, ir.ItemRef):
             unsupported("relation of something other than an item")
-        rows = BoxCall(of.box, node.word.name, box_functions.vectorised_relation(node.word))
-        return Items((BoxItems(of.box, operate("row", rows, of.index)),))
+        rows = ir.BoxCall(of.box, node.word.name, box_functions.vectorised_relation(node.word))
+        return ir.Items((ir.BoxItems(of.box, operate("row", rows, of.index)),))
 
     def binary(self, node: Call, scope: Scope) -> Bool:
         """AND, OR, NOT and the comparisons of numbers."""
         values = [self.lower(argument, scope) for argument in node.arguments if argument is not None]
         self.charge_call(node.word, *values)
-        codes = codes_of(values, Bool if node.word.group == "logic" else Int)
+        codes = ir.codes_of(values, Bool if node.word.group == "logic" else ir.Int)
         return Bool(operate(node.word.operator, *codes))
 
     def function(self, node: Node | None) -> Lambda:
@@ -342,42 +309,42 @@ class Generator:
 
     def quantifier(self, node: Call, scope: Scope) -> Value:
         """filter_obj, All and Any."""
-        collection = as_collection(self.lower(cast("Node", node.arguments[0]), scope))
-        self.charge_call(node.word, collection, FALSE)
+        collection = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, collection, ir.FALSE)
         function = self.function(node.arguments[1])
         name = node.word.name
         strict = name != "filter_obj"
-        if isinstance(collection, Boxes):
+        if isinstance(collection, ir.Boxes):
             kept = self.filter_boxes(function, collection, scope, strict=strict)
             return kept if name == "filter_obj" else self.quantify_boxes(name, collection, kept)
-        if not isinstance(collection, Items):
+        if not isinstance(collection, ir.Items):
             unsupported("collection")
-        found = Items(tuple(self.filter_part(function, part, scope, strict=strict) for part in collection.parts))
+        found = ir.Items(tuple(self.filter_part(function, part, scope, strict=strict) for part in collection.parts))
         if name == "filter_obj":
             return found
         if name == "Any":
-            return as_truth(found)
-        some = as_truth(collection)
+            return ir.as_truth(found)
+        some = ir.as_truth(collection)
         pairs = zip(collection.parts, found.parts, strict=True)
         return Bool(operate("and", some.code, *(operate("==", part.mask, kept.mask) for part, kept in pairs)))
 
-    def quantify_boxes(self, name: str, collection: Boxes, kept: Boxes) -> Bool:
+    def quantify_boxes(self, name: str, collection: ir.Boxes, kept: ir.Boxes) -> Bool:
         """Code for `Any` or `All` over boxes."""
         if name == "Any":
-            return as_truth(kept)
+            return ir.as_truth(kept)
         if collection.unconditional:
             return Bool(operate("and", *kept.conditions))
         pairs = zip(collection.conditions, kept.conditions, strict=True)
         same = [operate("or", operate("not", before), after) for before, after in pairs]
-        return Bool(operate("and", as_truth(collection).code, *same))
+        return Bool(operate("and", ir.as_truth(collection).code, *same))
 
-    def filter_boxes(self, function: Lambda, collection: Boxes, scope: Scope, *, strict: bool) -> Boxes:
+    def filter_boxes(self, function: Lambda, collection: ir.Boxes, scope: Scope, *, strict: bool) -> ir.Boxes:
         """Code for the condition of each box."""
         conditions: list[Code] = []
-        for box, before in zip(BOXES, collection.conditions, strict=True):
+        for box, before in zip(ir.BOXES, collection.conditions, strict=True):
             condition = self.box_condition(function, box, scope, strict=strict)
-            conditions.append(condition if before == TRUE.code else operate("and", before, condition))
-        return Boxes(tuple(conditions))
+            conditions.append(condition if before == ir.TRUE.code else operate("and", before, condition))
+        return ir.Boxes(tuple(conditions))
 
     def box_condition(self, function: Lambda, box: str, scope: Scope, *, strict: bool) -> Code:
         """Code for the condition of one box, a kernel where possible."""
@@ -385,16 +352,16 @@ class Generator:
         body = function.body
         self.charge_lambda(body)
         if not self.can_be_kernel(function):
-            return self.condition(body, {**scope, parameter: BoxRef(box)}, strict=strict).code
-        local: Scope = {parameter: BoxRef(LOCAL_BOX)}
+            return self.condition(body, {**scope, parameter: ir.BoxRef(box)}, strict=strict).code
+        local: Scope = {parameter: ir.BoxRef(ir.LOCAL_BOX)}
         key = (parameter, id(body), ("box", strict))  # which the tree or the context keeps
         return self.kernel_call(box, key, lambda inner: inner.condition(body, local, strict=strict).code)
 
-    def filter_part(self, function: Lambda, part: BoxItems, scope: Scope, *, strict: bool) -> BoxItems:
+    def filter_part(self, function: Lambda, part: ir.BoxItems, scope: Scope, *, strict: bool) -> ir.BoxItems:
         """The items of a part for which the body is true, computed by a kernel where possible."""
         if not self.can_be_kernel(function):
             return self.filter_inline(function, part, scope, strict=strict)
-        whole = BoxItems(LOCAL_BOX, None)
+        whole = ir.BoxItems(ir.LOCAL_BOX, None)
         chosen = self.kernel_call(
             part.box,
             (function.parameter, id(function.body), ("items", strict)),
@@ -402,33 +369,33 @@ class Generator:
         )
         if part.chosen is not None:
             chosen = operate("&", part.chosen, chosen)
-        return BoxItems(part.box, chosen)
+        return ir.BoxItems(part.box, chosen)
 
-    def filter_inline(self, function: Lambda, part: BoxItems, scope: Scope, *, strict: bool) -> BoxItems:
+    def filter_inline(self, function: Lambda, part: ir.BoxItems, scope: Scope, *, strict: bool) -> ir.BoxItems:
         """Code for a loop over a box's items that keeps those that meet a condition."""
         self.variables += 1
         index = f"i{self.variables}"
-        item = ItemRef(LoopIndex(index), part.box)
+        item = ir.ItemRef(ir.LoopIndex(index), part.box)
         bound: Scope = {**scope, function.parameter: item}
         max_runs = self.max_runs
         self.max_runs = self.max_runs * box_functions.MAX_BOX_ITEMS
         self.charge_lambda(function.body)
         masks, rest = self.split(function, item, bound, strict=strict)
         for mask in masks:
-            part = narrow(part, mask)
+            part = ir.narrow(part, mask)
         if rest is None:
             self.max_runs = max_runs
             return part
         condition = self.condition(rest, bound, strict=strict)
         self.max_runs = max_runs
-        return BoxItems(part.box, Where(index, part.mask, condition.code))
+        return ir.BoxItems(part.box, ir.Where(index, part.mask, condition.code))
 
     def split(
-        self, function: Lambda, item: ItemRef, bound: Scope, *, strict: bool
-    ) -> tuple[list[ItemMask], Node | None]:
+        self, function: Lambda, item: ir.ItemRef, bound: Scope, *, strict: bool
+    ) -> tuple[list[ir.ItemMask], Node | None]:
         """Splits the body of a filter into masks and the remaining condition to be evaluated item by item."""
 
-        def mask_of(node: Node) -> ItemMask | None:
+        def mask_of(node: Node) -> ir.ItemMask | None:
             return self.item_mask(function.parameter, node, item, bound)
 
         body = function.body
@@ -450,23 +417,23 @@ class Generator:
                 pass
         return [], body
 
-    def item_mask(self, parameter: str, node: Node, item: ItemRef, bound: Scope) -> ItemMask | None:
+    def item_mask(self, parameter: str, node: Node, item: ir.ItemRef, bound: Scope) -> ir.ItemMask | None:
         """A condition on an item vectorised over its box; None when that is not possible."""
         self.charge(costs.CALL + 8)  # the cost of AND, OR and NOT of bools
         match node:
             case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and word.is_item_test:
-                return ItemMask(self.test_mask(node, item.box))
+                return ir.ItemMask(self.test_mask(node, item.box))
             case Not(operand=operand) | Call(word=Word(operator="not"), arguments=(operand,)) if operand is not None:
                 inner = self.item_mask(parameter, operand, item, bound)
-                return inner and ItemMask(operate("~", inner.code), in_range=False)
+                return inner and ir.ItemMask(operate("~", inner.code), in_range=False)
             case Logic(operator=operator) | Call(word=Word(operator="and" | "or" as operator)):
                 return self.combined_mask(parameter, operator, children(node), item, bound)
             case _:
                 return self.constant_mask(node, item, bound)
 
     def combined_mask(
-        self, parameter: str, operator: str, operands: Iterable[Node], item: ItemRef, bound: Scope
-    ) -> ItemMask | None:
+        self, parameter: str, operator: str, operands: Iterable[Node], item: ir.ItemRef, bound: Scope
+    ) -> ir.ItemMask | None:
         """Code for the mask of AND or OR of item tests; None if an operand has no mask."""
         found = [self.item_mask(parameter, operand, item, bound) for operand in operands]
         masks = [mask for mask in found if mask]
@@ -474,17 +441,17 @@ class Generator:
             return None
         in_range = any(m.in_range for m in masks) if operator == "and" else all(m.in_range for m in masks)
         code = operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
-        return ItemMask(code, in_range=in_range)
+        return ir.ItemMask(code, in_range=in_range)
 
-    def constant_mask(self, node: Node, item: ItemRef, bound: Scope) -> ItemMask | None:
+    def constant_mask(self, node: Node, item: ir.ItemRef, bound: Scope) -> ir.ItemMask | None:
         """A condition independent of the item, such as one on its box, broadcast to all items of the box."""
         try:
             value = self.condition(node, bound, strict=True)
-        except Unsupported:
+        except ir.Unsupported:
             return None
         if item.index.name in value.code.indices:
             return None
-        return ItemMask(operate("negative", value.code), in_range=False)
+        return ir.ItemMask(operate("negative", value.code), in_range=False)
 
 
 def _is_of_scene(node: Node) -> bool:
@@ -494,4 +461,4 @@ def _is_of_scene(node: Node) -> bool:
 
 def _has_bit(mask: Code, position: Code) -> Code:
     """Code: whether a mask has the bit at a position, as 0 or 1."""
-    return operate("&", operate(">>", mask, position), Number(1))
+    return operate("&", operate(">>", mask, position), ir.Number(1))

@@ -5,34 +5,25 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from typing import Any
 
+from lilgym_mp.programs import words
 from lilgym_mp.programs.values import Color, ItemView, Shape, Size
-from lilgym_mp.programs.words import (
-    CollectionArg,
-    ColorArg,
-    FunctionArg,
-    ItemOrItemsArg,
-    ItemsArg,
-    ShapeArg,
-    SizeArg,
-    value_key,
-    word,
-)
+from lilgym_mp.programs.words import CollectionArg, ItemsArg, word
 
 
 @word("attributes", attribute="color", reads_order=True)
-def query_color(x: ItemOrItemsArg) -> list[Color]:
+def query_color(x: words.ItemOrItemsArg) -> list[Color]:
     """The colour of each item of `x`, in order."""
     return [item.color for item in x]
 
 
 @word("attributes", attribute="size", reads_order=True)
-def query_size(x: ItemOrItemsArg) -> list[Size]:
+def query_size(x: words.ItemOrItemsArg) -> list[Size]:
     """The size of each item of `x`, in order."""
     return [item.size for item in x]
 
 
 @word("attributes", attribute="shape", reads_order=True)
-def query_shape(x: ItemOrItemsArg) -> list[Shape]:
+def query_shape(x: words.ItemOrItemsArg) -> list[Shape]:
     """The shape of each item of `x`, in order."""
     return [item.shape for item in x]
 
@@ -56,19 +47,19 @@ def get_set_shapes(s: ItemsArg) -> set[Shape]:
 
 
 @word("attributes", attribute="color")
-def filter_color(s: ItemsArg, color: ColorArg) -> list[ItemView]:
+def filter_color(s: ItemsArg, color: words.ColorArg) -> list[ItemView]:
     """The items of `s` with that colour, in order."""
     return [x for x in s if x.color is color]
 
 
 @word("attributes", attribute="size")
-def filter_size(s: ItemsArg, size: SizeArg) -> list[ItemView]:
+def filter_size(s: ItemsArg, size: words.SizeArg) -> list[ItemView]:
     """The items of `s` with that size, in order."""
     return [x for x in s if x.size is size]
 
 
 @word("attributes", attribute="shape")
-def filter_shape(s: ItemsArg, shape: ShapeArg) -> list[ItemView]:
+def filter_shape(s: ItemsArg, shape: words.ShapeArg) -> list[ItemView]:
     """The items of `s` with that shape, in order."""
     return [x for x in s if x.shape is shape]
 
@@ -95,7 +86,7 @@ _all_same("size", "size")
 
 
 @word("attributes")
-def all_same_attribute(s: CollectionArg, f: FunctionArg) -> bool:
+def all_same_attribute(s: CollectionArg, f: words.FunctionArg) -> bool:
     """Whether f(x) is the same for all x in `s`; false when `s` is empty."""
     return _all_equal(f(x) for x in s)
 
@@ -105,7 +96,7 @@ def _all_equal(values: Iterable[Any]) -> bool:
     first: Hashable = None
     is_empty = same = True
     for value in values:
-        key = value_key(value)
+        key = words.value_key(value)
         if is_empty:
             first = key
             is_empty = False

@@ -5,18 +5,9 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+from lilgym_mp.programs import words
 from lilgym_mp.programs.errors import ProgramRuntimeError
-from lilgym_mp.programs.words import (
-    AnyArg,
-    CollectionArg,
-    CollectionsArg,
-    FunctionArg,
-    IntArg,
-    ResultSize,
-    describe,
-    identity_key,
-    word,
-)
+from lilgym_mp.programs.words import CollectionArg, word
 
 MAX_BINOMIAL = 10**9  # exceeds every limit
 
@@ -33,12 +24,12 @@ def binomial(n: int, k: int) -> int:
     return ways
 
 
-def combinations_size(s: list[Any], k: int) -> ResultSize:
+def combinations_size(s: list[Any], k: int) -> words.ResultSize:
     """The size of `combinations(s, k)`."""
-    return ResultSize(binomial(len(s), k), k, len(s))
+    return words.ResultSize(binomial(len(s), k), k, len(s))
 
 
-def select_size(k: int, s: list[Any]) -> ResultSize:
+def select_size(k: int, s: list[Any]) -> words.ResultSize:
     """The size of `select(k, s)`."""
     return combinations_size(s, k)
 
@@ -52,7 +43,7 @@ def exist(s: CollectionArg) -> bool:
 @word("sets")
 def count(s: CollectionArg) -> int:
     """The number of distinct objects in `s`; items with equal attributes are still distinct."""
-    return len({identity_key(x) for x in s})
+    return len({words.identity_key(x) for x in s})
 
 
 @word("sets", fails_on="some values")
@@ -64,7 +55,7 @@ def unique(s: CollectionArg) -> Any:
 
 
 @word("sets")
-def filter_obj(s: CollectionArg, f: FunctionArg) -> list[Any]:
+def filter_obj(s: CollectionArg, f: words.FunctionArg) -> list[Any]:
     """The list of the x in `s`, in order, for which f(x) is truthy (true or not empty)."""
     return [x for x in s if f(x)]
 
@@ -82,13 +73,13 @@ def intersect(a: CollectionArg, b: CollectionArg) -> set[Any]:
 
 
 @word("sets", fails_on="unhashable elements")
-def union_all(sets: CollectionsArg) -> set[Any]:
+def union_all(sets: words.CollectionsArg) -> set[Any]:
     """The union of all `sets`; empty when there are none."""
     return as_set([x for part in sets for x in part])
 
 
 @word("sets", fails_on="unhashable elements")
-def intersect_all(sets: CollectionsArg) -> set[Any]:
+def intersect_all(sets: words.CollectionsArg) -> set[Any]:
     """The intersection of all `sets`; empty when there are none."""
     return as_set(sets[0]).intersection(*map(as_set, sets[1:])) if sets else set()
 
@@ -106,19 +97,19 @@ def equal_set(a: CollectionArg, b: CollectionArg) -> bool:
 
 
 @word("sets")
-def member_of(x: AnyArg, s: CollectionArg) -> bool:
+def member_of(x: words.AnyArg, s: CollectionArg) -> bool:
     """Whether `x` is in `s`."""
     return x in s
 
 
 @word("sets", result_size=select_size, fails_on="some values")
-def select(k: IntArg, s: CollectionArg) -> list[list[Any]]:
+def select(k: words.IntArg, s: CollectionArg) -> list[list[Any]]:
     """All sub-lists of `s` with `k` elements, in order."""
     return [list(choice) for choice in itertools.combinations(s, k)] if k >= 0 else []
 
 
 @word("sets", result_size=combinations_size, fails_on="some values")
-def combinations(s: CollectionArg, k: IntArg) -> list[tuple[Any, ...]]:
+def combinations(s: CollectionArg, k: words.IntArg) -> list[tuple[Any, ...]]:
     """All `k`-element combinations of `s` as tuples, in order."""
     return list(itertools.combinations(s, k)) if k >= 0 else []
 
@@ -139,14 +130,14 @@ def length(s: CollectionArg) -> int:
 
 
 @word("built-ins", name="min", fails_on="some values", reads_order=True)
-def smallest(s: CollectionArg, *, key: FunctionArg | None = None) -> Any:
+def smallest(s: CollectionArg, *, key: words.FunctionArg | None = None) -> Any:
     """The first x in `s` with the smallest key(x). An error when `s` is empty."""
     if not s:
         raise ProgramRuntimeError("min: s is empty")
     try:
         return min(s, key=key)
     except TypeError:
-        raise ProgramRuntimeError(f"min: cannot order the elements of {describe(s)}") from None
+        raise ProgramRuntimeError(f"min: cannot order the elements of {words.describe(s)}") from None
 
 
 @word("built-ins", name="all")
