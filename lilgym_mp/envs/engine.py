@@ -185,8 +185,7 @@ class Engine:
         return self._taken_tasks(always=False)
 
     def _taken_tasks(self, *, always: bool) -> NewTasks | None:
-        taken = self._new_tasks
-        self._new_tasks = {}
+        taken, self._new_tasks = self._new_tasks, {}
         return taken if always or self._sampler is not None else None
 
     def _start_next_episodes(self, env_ids: Int64Array) -> None:
@@ -272,8 +271,7 @@ class Engine:
             for name in SAVED:
                 getattr(buffers, name)[env_id] = row[name]
             self._generators[env_id], self._drawn[env_id] = deepcopy(generator), list(drawn)
-            self._episodes[env_id] = episodes
-            self._repeats[env_id] = repeats
+            self._episodes[env_id], self._repeats[env_id] = episodes, repeats
         return self._taken_tasks(always=True)
 
     def states(self) -> list[State]:

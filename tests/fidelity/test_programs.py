@@ -45,7 +45,7 @@ def test_labels__equal_the_truth_in_the_start_scene(official_data, appearance, s
         assert not program.errors, identifier
 
 
-def test_official_programs__both_forms_agree_and_most_have_generated_code(official_data):
+def test_official_programs__both_forms_agree_and_nearly_all_have_generated_code(official_data):
     chance = random.Random(0)
     sources = {}
     scenes = []
@@ -60,4 +60,4 @@ def test_official_programs__both_forms_agree_and_most_have_generated_code(offici
         mixed = Scene.of(left.boxes[0].items, middle.boxes[1].items, right.boxes[2].items)
         for scene in (mixed, mixed.permuted((2, 0, 1))):
             assert outcome(program.evaluate, scene) == outcome(program.evaluate_reference, scene), source
-    assert sum(compile_program(source).has_generated_code for source in sources) / len(sources) > 0.9
+    assert sum(compile_program(source).has_generated_code for source in sources) / len(sources) > 0.99

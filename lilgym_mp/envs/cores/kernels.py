@@ -21,7 +21,7 @@ from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.envs.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT
-from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 
 NO_ITEM = -1
 BEYOND = 64  # pixels that an item may lie outside its box, to the left or above
@@ -32,7 +32,7 @@ LONG_WAIT = 2.0  # seconds of compiling before a line is printed
 
 # Kernels allocate nothing, so they do not need numba's runtime. Without it they do not count references to arrays,
 # which took most of their time. A version of numba without the option works, slower.
-_OPTIONS: AnyDict = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+_OPTIONS: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -113,8 +113,7 @@ def start_episodes(
         for index in range(drawing.background.shape[0]):
             scenes.images[env_id, index] = drawing.background[index]
         for box in range(BOX_COUNT):
-            row = env_id * BOX_COUNT + box
-            start = tasks[k] * BOX_COUNT + box
+            row, start = env_id * BOX_COUNT + box, tasks[k] * BOX_COUNT + box
             for slot in range(scenes.counts[row]):
                 scenes.items[row, slot] = NO_ITEM
             scenes.counts[row] = 0
@@ -138,14 +137,12 @@ def draw_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int, sign:
     first = 3 * (top * drawing.width + row % BOX_COUNT * (BOX_PITCH // shrink) + left)
     line = item_type if sign > 0 else ITEM_TYPE_COUNT
     for i in range(drawing.run_counts[item_type, odd_x, odd_y]):
-        start = drawing.runs[item_type, odd_x, odd_y, i, 0]
-        stop = drawing.runs[item_type, odd_x, odd_y, i, 1]
+        start, stop = drawing.runs[item_type, odd_x, odd_y, i, 0], drawing.runs[item_type, odd_x, odd_y, i, 1]
         byte = np.uint64(first + 3 * (i * drawing.width + start))
         for k in range(np.uint64(3 * (stop - start))):
             scenes.images[env_id, byte + k] = drawing.lines[line, k]
     for edge in range(drawing.edge_counts[item_type, odd_x, odd_y]):
-        i = drawing.edges[item_type, odd_x, odd_y, edge, 0]
-        j = drawing.edges[item_type, odd_x, odd_y, edge, 1]
+        i, j = drawing.edges[item_type, odd_x, odd_y, edge, 0], drawing.edges[item_type, odd_x, odd_y, edge, 1]
         count = scenes.weighted[row, top + i, left + j] + sign * drawing.edges[item_type, odd_x, odd_y, edge, 2]
         scenes.weighted[row, top + i, left + j] = count
         byte = np.uint64(first + 3 * (i * drawing.width + j))
@@ -166,8 +163,7 @@ def append_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int) -> 
 @inlined
 def delete_item(drawing: DrawingTables, scenes: Scenes, row: int, slot: int) -> None:
     """Deletes an item of a box."""
-    item = scenes.items[row, slot]
-    last = scenes.counts[row] - 1
+    item, last = scenes.items[row, slot], scenes.counts[row] - 1
     for later in range(slot, last):
         scenes.items[row, later] = scenes.items[row, later + 1]
     scenes.items[row, last] = NO_ITEM
@@ -221,10 +217,8 @@ def edit_tower_scenes(
         reasons[k] = NO_REASON
         if actions[k] == 0:
             continue
-        row = env_ids[k] * BOX_COUNT + tables.boxes[actions[k]]
-        edit = tables.edits[actions[k]]
-        before = stacks[row]
-        after = tables.after[stacks[row], edit]
+        row, edit = env_ids[k] * BOX_COUNT + tables.boxes[actions[k]], tables.edits[actions[k]]
+        before, after = stacks[row], tables.after[stacks[row], edit]
         if after < 0:
             reasons[k] = tables.reasons[edit]
         elif applies[k]:
@@ -241,7 +235,7 @@ class Programs(NamedTuple):
     rows: Int64Array  # (instructions, 3) operation, a, b; of all programs
     ends: Int64Array  # (programs + 1,) bounds of each program's instructions
     places: Int64Array  # (3, 100, 100) by size, x and y of an item: bitmask of the tests that it passes
-    tables: Int64Array  # (tables, 121) value by stack
+    tables: Int64Array  # (tables, 121) value by stack, or UNKNOWN
 
 
 @kernel
@@ -271,13 +265,11 @@ def evaluate_programs(
             most = max(most, scenes.counts[first_row + box])
         if most > MAX_BOX_ITEMS:
             continue
-        first = programs.ends[chosen[k]]
-        last = programs.ends[chosen[k] + 1]
+        first, last = programs.ends[chosen[k]], programs.ends[chosen[k] + 1]
+        is_known = True
         for index in range(last - first):
             row = first + index
-            operation = programs.rows[row, 0]
-            a = programs.rows[row, 1]
-            b = programs.rows[row, 2]
+            operation, a, b = programs.rows[row, 0], programs.rows[row, 1], programs.rows[row, 2]
             if operation == Operation.CONSTANT:
                 value = a
             elif operation == Operation.LENGTH:
@@ -293,9 +285,14 @@ def evaluate_programs(
                     value |= ((programs.places[item_type % SIZE_COUNT, x, y] >> a) & 1) << slot
             elif operation == Operation.BOX_TABLE:
                 value = programs.tables[a, stacks[first_row + b]]
-            elif operation == Operation.BIT_COUNT:
+                is_known &= value != UNKNOWN
+            elif operation == Operation.ONLY_BIT:
                 value = 0
-                left = values[a]
+                is_known &= values[a] != 0 and values[a] & (values[a] - 1) == 0
+                while value < BITS and not (values[a] >> value) & 1:
+                    value += 1
+            elif operation == Operation.BIT_COUNT:
+                value, left = 0, values[a]
                 while left > 0:
                     left &= left - 1
                     value += 1
@@ -305,6 +302,8 @@ def evaluate_programs(
                 value = values[a] | values[b]
             elif operation == Operation.SHIFT_LEFT:
                 value = values[a] << values[b]
+            elif operation == Operation.SHIFT_RIGHT:
+                value = values[a] >> values[b]
             elif operation == Operation.ADD:
                 value = values[a] + values[b]
             elif operation == Operation.SUBTRACT:
@@ -320,6 +319,7 @@ def evaluate_programs(
             else:
                 value = int(values[a] <= values[b])
             values[index] = value
-        truths[k] = int(values[last - first - 1] != 0)
-        unknown -= 1
+        if is_known:
+            truths[k] = int(values[last - first - 1] != 0)
+            unknown -= 1
     return unknown

@@ -9,10 +9,11 @@ from functools import cache
 import numpy as np
 
 from lilgym_mp.envs.cores import kernels
-from lilgym_mp.envs.cores.kernels import BITS, Programs, Scenes
+from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
 from lilgym_mp.envs.fast.box_functions import ITEM_TESTS, BoxFunction, ItemTest
 from lilgym_mp.envs.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
@@ -120,7 +121,7 @@ class ItemBoxLowering(BoxLowering):
 @cache
 def _passing_places(test: ItemTest) -> BoolArray:
     """(sizes, x, y) whether an item of each size passes a test of its position."""
-    passing = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), bool)
+    passing = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.bool_)
     for size in Size:
         places = range(BOX_SIDE - size.pixels + 1)
         passing[size, : len(places), : len(places)] = [
@@ -139,9 +140,17 @@ class StackBoxLowering(BoxLowering):
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:
-            values = [function(each) for each in self._boxes]
-            if not isinstance(values[0], int):  # rows of a relation
-                raise Unsupported
+            values = [_value(function, each) for each in self._boxes]
             self.tables = np.concatenate([self.tables, np.array([values], np.int64)])
             self._indices[function] = len(self._indices)
         return Instruction(Operation.BOX_TABLE, self._indices[function], box)
+
+
+def _value(function: BoxFunction, box: Box) -> int:
+    try:
+        value = function(box)
+    except FallbackError:
+        return UNKNOWN
+    if not isinstance(value, int):  # rows of a relation
+        raise Unsupported
+    return value

@@ -7,6 +7,7 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import cache, lru_cache
@@ -17,7 +18,6 @@ from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
-from lilgym_mp.scene.arrays import AnyDict
 
 MAX_BOX_ITEMS = 24  # larger boxes use the reference evaluator, which counts steps
 TABLE_SIZE = 20_000  # cached items per test
@@ -123,8 +123,26 @@ def _bits(mask: int) -> list[int]:
     return positions
 
 
+def _only(mask: int) -> int:
+    """The position of the only set bit of a mask. Raises FallbackError unless there is exactly one."""
+    if mask == 0 or mask & (mask - 1):
+        raise FallbackError
+    return mask.bit_length() - 1
+
+
+def _union(rows: Sequence[Mask], mask: Mask) -> Mask:
+    union = 0
+    for position in _bits(mask):
+        union |= rows[position]
+    return union
+
+
 # The only names that generated code can use, besides functions of a box
-NAMES: AnyDict = {
+NAMES: dict[str, Any] = {
     "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
+    "only": _only,
+    "union": _union,
+    "choose": itertools.combinations,
+    "comb": math.comb,
 }

@@ -27,10 +27,12 @@ class Operation(IntEnum):
     ITEM_TYPE_TEST = auto()  # bitmask of the items of box b whose item type is in the bitmask a
     POSITION_TEST = auto()  # bitmask of the items of box b whose position and size pass test a
     BOX_TABLE = auto()  # the entry of lookup table a for box b
+    ONLY_BIT = auto()  # the position of the only set bit of a; unless there is exactly one, the truth is unknown
     BIT_COUNT = auto()
     BIT_AND = auto()
     BIT_OR = auto()
     SHIFT_LEFT = auto()
+    SHIFT_RIGHT = auto()
     ADD = auto()
     SUBTRACT = auto()
     REMAINDER = auto()
@@ -51,22 +53,24 @@ class Instruction(NamedTuple):
 # Lowers a box function (vectorised word or kernel) applied to box `b` to one instruction, or raises Unsupported.
 LowerBoxFunction = Callable[[box_functions.BoxFunction, int], Instruction]
 
-_WITH_CONSTANT = {  # of a constant and the operand
+_UNARY: Mapping[str, Operation] = {"bit_count": Operation.BIT_COUNT, "only": Operation.ONLY_BIT}
+_WITH_CONSTANT: Mapping[str, tuple[Operation, int]] = {  # of a constant and the operand
     "not": (Operation.EQUAL, 0),
     "~": (Operation.SUBTRACT, -1),
     "negative": (Operation.SUBTRACT, 0),
 }
-_BINARY = {
+_BINARY: Mapping[str, Operation] = {
     "and": Operation.BIT_AND,  # of truth values, which are 0 or 1
     "or": Operation.BIT_OR,
     "&": Operation.BIT_AND,
     "|": Operation.BIT_OR,
     "<<": Operation.SHIFT_LEFT,
+    ">>": Operation.SHIFT_RIGHT,
     "+": Operation.ADD,
     "-": Operation.SUBTRACT,
     "%": Operation.REMAINDER,
 }
-_COMPARISONS = {  # and the order of the operands
+_COMPARISONS: Mapping[str, tuple[Operation, int]] = {  # and the order of the operands
     "==": (Operation.EQUAL, 1),
     "!=": (Operation.UNEQUAL, 1),
     "<": (Operation.LESS, 1),
@@ -127,8 +131,8 @@ class _Lowering:
             return self.lower(call.kernel.code, {LOCAL_BOX: box})
 
     def _operation(self, operation: str, values: Sequence[int]) -> int:
-        if operation == "bit_count":
-            return self._add(Operation.BIT_COUNT, *values)
+        if operation in _UNARY:
+            return self._add(_UNARY[operation], *values)
         if operation in _WITH_CONSTANT:
             binary, constant = _WITH_CONSTANT[operation]
             return self._add(binary, self._add(Operation.CONSTANT, constant), *values)
