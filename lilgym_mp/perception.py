@@ -13,7 +13,6 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.scene import (
     BOX_COUNT,
@@ -32,7 +31,7 @@ from lilgym_mp.scene.appearances import APPEARANCES, part_of
 from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.scatter.geometry import is_free
 from lilgym_mp.scene.appearances.tower.geometry import tower_tables
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw, image_shape
 from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
@@ -125,7 +124,7 @@ def _regions(image: UInt8Array, shrink: int) -> list[bytes]:
 
 
 @cache
-def _coverages_by_code(shrink: int) -> tuple[NDArray[np.int64], UInt8Array]:
+def _coverages_by_code(shrink: int) -> tuple[Int64Array, UInt8Array]:
     """The sorted codes of all pixels that occur, and their coverages (codes, colours)."""
     area = shrink**2
     axes = np.indices((area + 1,) * len(Colour)).reshape(len(Colour), -1).T
@@ -140,7 +139,7 @@ def _coverages_by_code(shrink: int) -> tuple[NDArray[np.int64], UInt8Array]:
     return distinct, coverage[firsts % len(coverage)].astype(np.uint8)
 
 
-def _codes(pixels: NDArray[np.int64], *, on_separator: NDArray[np.int64]) -> NDArray[np.int64]:
+def _codes(pixels: Int64Array, *, on_separator: Int64Array) -> Int64Array:
     """(...) one number for each pixel (..., 3), which also says whether it is on a separator."""
     return pixels @ np.array([1 << 16, 1 << 8, 1]) + (on_separator << 24)
 
@@ -149,7 +148,7 @@ def _coverage(pixels: bytes, index: int, shrink: int) -> UInt8Array:
     """(colours, height, PITCH / shrink) in the region of a box. Raises PerceptionError for a pixel of no scene."""
     codes, coverages = _coverages_by_code(shrink)
     shown = np.frombuffer(pixels, np.uint8).reshape(IMAGE_HEIGHT // shrink, -1, 3)
-    outside = np.ones(shown.shape[1], np.bool_)
+    outside = np.ones(shown.shape[1], bool)
     outside[MARGIN // shrink : -MARGIN // shrink] = False
     found = _codes(shown.astype(np.int64), on_separator=outside.astype(np.int64))
     places = np.searchsorted(codes, found).clip(max=len(codes) - 1)

@@ -91,9 +91,9 @@ On one current core, any text compiles or is rejected within 5 seconds and 100 M
 `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene; official programs take microseconds.
 
 For untrusted programs, such as a language model's, set a lower limit: `program.evaluate(scene, step_limit=100_000)`
-raises `StepLimitError` (a `ProgramRuntimeError`) after about 10 milliseconds. `bounded_truths(source, scenes)` gives a
-program's truth in each scene, `None` where it has no value; it raises `ProgramError` for an invalid one and
-`StepLimitError` after {bounded:,} steps on all scenes together.
+raises `StepLimitError` (a `ProgramRuntimeError`) after about 10 milliseconds. `bounded_truths(source, scenes)` of
+`lilgym_mp.programs.bounded` gives a program's truth in each scene, `None` where it has no value; it raises
+`ProgramError` for an invalid one and `StepLimitError` after {bounded:,} steps on all scenes together.
 
 ## Errors
 

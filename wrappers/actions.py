@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.scene.actions import STOP, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
+from lilgym_mp.wrappers.transformation import AnySpace, Batch, Batches, EnvDescription, EnvState, GymEnv, Transformation
 
 MASK = "action_mask"  # the info's key
 
@@ -24,7 +22,7 @@ class MaskInfo(Transformation):
 
     adds_infos = True
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         return {MASK: state.action_masks().view(np.int8)}
 
 
@@ -53,7 +51,8 @@ class Forcing(Transformation):
         """Raises ValueError for an unknown mode or an evaluation split."""
         super().__init__(description)
         choose("mode", mode, {name: name for name in ("mask", "replace", "observe")})
-        self.adds_infos, self.changes_actions = mode == "mask", mode == "replace"
+        self.adds_infos = mode == "mask"
+        self.changes_actions = mode == "replace"
         self.changes_observations = self.uses_mdp_actions = mode == "observe"
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
@@ -64,7 +63,7 @@ class Forcing(Transformation):
         if self.changes_actions:
             description.require_discrete_actions()
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         if not self.changes_observations:
             return self.env_description.observation_space
         return spaces.Dict({**self.env_description.parts(), FORCED_NOW: spaces.Box(0, 1, (1,), np.int8)})
@@ -82,7 +81,7 @@ class Forcing(Transformation):
             legal[success, self.env_description.stop_index] = True
         return legal
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         return {MASK: self.action_masks(state).astype(np.int8)} if MASK in info else {}
 
     def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
@@ -110,7 +109,7 @@ class StopForcing(EnvWrapper[Forcing]):
 
     transformation_class = Forcing
 
-    def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
+    def __init__(self, env: GymEnv, mode: str = "mask", *, allow_evaluation: bool = False) -> None:
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
 
 
@@ -189,5 +188,5 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
 
     transformation_class = ArrayDecoding
 
-    def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
+    def __init__(self, env: GymEnv, *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.locations import fixed_path
@@ -18,18 +15,22 @@ from lilgym_mp.envs.observation import EMPTY, TokenSpace, flat_space
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.appearances.grids import cell_size
-from lilgym_mp.scene.arrays import Float32Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array, UInt8Array
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
     IMAGE,
     ITEMS,
     PLANES,
     STATEMENT,
+    AnySpace,
     Batch,
+    Batches,
     EnvDescription,
     EnvState,
     Format,
+    GymEnv,
     SceneFormat,
+    Spaces,
     Transformation,
     WrongEnvironment,
 )
@@ -49,13 +50,13 @@ class Items(SceneFormat):
             raise ValueError(f"slots must be at least {needed}, the most items a box can have here, not {slots}")
         self._shape = (BOX_COUNT, slots or needed)
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         low = [-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY]
         high = [BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)]
         lows, highs = (np.broadcast_to(np.array(each, np.int16), (*self._shape, len(each))) for each in (low, high))
         return {ITEMS: spaces.Box(lows, highs, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         items = state.items
         if missing := self._shape[1] - items.shape[2]:
             items = np.pad(items, ((0, 0), (0, 0), (0, missing), (0, 0)), constant_values=EMPTY)
@@ -77,7 +78,7 @@ class StructuredObservation(EnvWrapper[Items]):
 
     transformation_class = Items
 
-    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
+    def __init__(self, env: GymEnv, *, keep_image: bool = False, slots: int | None = None) -> None:
         super().__init__(env, keep_image=keep_image, slots=slots)
 
 
@@ -97,19 +98,20 @@ class Planes(SceneFormat):
         self.columns, self.rows = grid = description.dynamics.appearance.grid or RELEASED_GRID
         self._cell = np.array(cell_size(grid))
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         high = np.full((PLANE_COUNT, self.rows, self.columns), self.env_description.item_capacity, np.uint8)
         high[OCCUPANCY] = 1
         return {PLANES: spaces.Box(np.zeros_like(high), high, dtype=np.uint8)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         items = state.items
         batch, box, slot = np.nonzero(items[..., -1] != EMPTY)
         here = items[batch, box, slot].astype(np.int64)  # (items, 5)
         sides = _SIDES[here[:, 4]]
         corners = here[:, :2] + np.stack([box * BOX_PITCH, np.zeros_like(box)], axis=1)  # (items, 2) on the image
         planes = self._count_planes(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
-        first, last = self._cells(corners), self._cells(corners + sides[:, None] - 1)
+        first = self._cells(corners)
+        last = self._cells(corners + sides[:, None] - 1)
         planes[:, OCCUPANCY] = self._occupancy(len(items), batch, first, last)
         return {PLANES: planes}
 
@@ -117,18 +119,17 @@ class Planes(SceneFormat):
         """(items, 2) column and row of each pixel, clipped to the grid."""
         return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
 
-    def _count_planes(
-        self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array
-    ) -> NDArray[np.uint8]:
+    def _count_planes(self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array) -> UInt8Array:
         """(size, planes, rows, columns) numbers of items of each shape, colour and size centred in each cell."""
         shape = (size, PLANE_COUNT, self.rows, self.columns)
-        column, row = cells[:, :1], cells[:, 1:]
+        column = cells[:, :1]
+        row = cells[:, 1:]
         indices = (
             (batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row
         ) * self.columns + column
         return np.bincount(indices.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
 
-    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
+    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> BoolArray:
         """(size, rows, columns) the cells that overlap an item's bounding square."""
         # Summed-area trick: +1 and -1 at each rectangle's corners; cumulative sums along both axes fill it.
         shape = (size, self.rows + 1, self.columns + 1)
@@ -153,18 +154,18 @@ class GridPlanes(EnvWrapper[Planes]):
 
     transformation_class = Planes
 
-    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
+    def __init__(self, env: GymEnv, *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)
 
 
 class Channels(Format):
     """Moves the image's last axis to the front."""
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         shape = cast("spaces.Box", self.env_description.part(IMAGE)).shape
         return {IMAGE: spaces.Box(0, 255, (shape[-1], *shape[:-1]), np.uint8)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
 
 
@@ -183,10 +184,10 @@ class Image(Transformation):
 
     changes_observations = True
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         return self.env_description.part(IMAGE)
 
-    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
+    def observations(self, observations: Batches, state: EnvState) -> Batch:
         return observations[IMAGE]
 
 
@@ -209,10 +210,10 @@ class Tokens(Format):
         description.part(STATEMENT)
         self.arrays = StatementArrays(description.tasks, vocabulary, length, truncate=truncate)
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         return {STATEMENT: TokenSpace(self.arrays)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         return {STATEMENT: state.by_task(self.arrays.rows, lambda task: self.arrays.row(task.statement))}
 
 
@@ -233,7 +234,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
 
     def __init__(
         self,
-        env: gym.Env[Any, Any],
+        env: GymEnv,
         vocabulary: VocabularyOrPath | None = None,
         length: int | None = None,
         *,
@@ -267,10 +268,10 @@ class Embedding(Format):
             raise ValueError(f"encoder must return a vector, not an array of shape {first.shape}")
         self.dimension = first.size
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         statements = state.by_task(self._statements, lambda task: task.statement)
         return {STATEMENT: np.stack([self._embedding(statement) for statement in statements])}
 
@@ -305,7 +306,7 @@ class StatementEmbedding(EnvWrapper[Embedding]):
 
     transformation_class = Embedding
 
-    def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
+    def __init__(self, env: GymEnv, encoder: Encoder, *, limit: float = 1000.0) -> None:
         super().__init__(env, encoder=encoder, limit=limit)
 
 
@@ -315,10 +316,10 @@ STEPS_LEFT = "steps_left"  # observation key
 class Countdown(Format):
     """The horizon minus the steps taken."""
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         return {STEPS_LEFT: spaces.Discrete(self.env_description.dynamics.horizon + 1)}
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         return {STEPS_LEFT: self.env_description.dynamics.horizon - state.steps}
 
 
@@ -347,12 +348,12 @@ class Flattening(Transformation):
                 )
         return flat_space(cast("spaces.Dict", self.env_description.observation_space))
 
-    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
+    def observations(self, observations: Batches, state: EnvState) -> Batch:
         parts = self.env_description.parts().items()
         return np.concatenate([_rows(space, observations[name]) for name, space in parts], axis=1)
 
 
-def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
+def _rows(space: AnySpace, values: Batch) -> Float32Array:
     """(B, size) the flattened values of one part."""
     if isinstance(space, spaces.Discrete):
         return (values[:, None] == np.arange(space.n)).astype(np.float32)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
@@ -19,11 +19,13 @@ from lilgym_mp.envs.batched import batched
 from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.masks import action_masks, layers
 from lilgym_mp.envs.rules import State
-from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Int16Array, Int64Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
+    Batches,
     EnvDescription,
     EnvState,
+    GymEnv,
     Transformation,
     WrongEnvironment,
     change_tasks,
@@ -45,7 +47,9 @@ Settings = ParamSpec("Settings")
 AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo AEC or parallel environment
 
 # Gymnasium's info keys in autoreset mode SAME_STEP
-FINAL_OBS, HAS_FINAL_OBS, FINAL_INFO = "final_obs", "_final_obs", "final_info"
+FINAL_OBS = "final_obs"
+HAS_FINAL_OBS = "_final_obs"
+FINAL_INFO = "final_info"
 
 
 class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic[TransformationT]):
@@ -53,7 +57,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
 
-    def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
+    def __init__(self, env: GymEnv, **settings: Any) -> None:
         """Makes the transformation.
 
         Args:
@@ -69,13 +73,14 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         self.action_space = self.transformation.action_space()
         self._state = SingleEnvState(description, env)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: AnyDict | None = None) -> tuple[Any, AnyDict]:
         observation, info = self.env.reset(seed=seed, options=options)
         return self._transformed(observation), self._extended_info(info, {})
 
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        entries: Mapping[str, Batch] = {}
-        transformation, states = self.transformation, self._state.states
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, AnyDict]:
+        entries: Batches = {}
+        transformation = self.transformation
+        states = self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(stacked([action]), self._state)
             action = actions[0]
@@ -101,7 +106,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         batch = self.transformation.observations(stacked([observation]), self._state)
         return unstacked(self.observation_space, batch)[0]
 
-    def _extended_info(self, info: dict[str, Any], entries: Mapping[str, Batch]) -> dict[str, Any]:
+    def _extended_info(self, info: AnyDict, entries: Batches) -> AnyDict:
         if self.transformation.adds_infos:
             entries = {**entries, **self.transformation.added_infos(info, self._state)}
         return {**info, **{name: to_python(value[0]) for name, value in entries.items()}} if entries else info
@@ -110,7 +115,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
 class SingleEnvState(EnvState):
     """The state of one environment, with the masks of its wrappers up to `env`."""
 
-    def __init__(self, description: EnvDescription, env: gym.Env[Any, Any]) -> None:
+    def __init__(self, description: EnvDescription, env: GymEnv) -> None:
         super().__init__(description)
         self._env = env
 
@@ -128,7 +133,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self,
         env: VectorEnv[Any, Any, Any],
         wrapper_class: Any,
-        settings: Mapping[str, Any],
+        settings: AnyMapping,
     ) -> None:
         """`wrapper_class`: of single environments; its transformation is called with an EnvDescription and settings."""
         super().__init__(env)
@@ -157,14 +162,15 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """Does not close the wrapped environment, unlike Gymnasium's wrappers before 1.3."""
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+        self, *, seed: int | Sequence[int | None] | None = None, options: AnyMapping | None = None
+    ) -> tuple[Any, AnyDict]:
         observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
         return self._transformed(observations), self._extended_infos(infos)
 
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        entries: Mapping[str, Batch] = {}
-        transformation, states = self.transformation, self._state.states
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, AnyDict]:
+        entries: Batches = {}
+        transformation = self.transformation
+        states = self._state.states
         if transformation.changes_actions:
             actions, entries = transformation.actions(actions, self._state)
         before = transformation.potentials(states()) if transformation.changes_rewards else None
@@ -194,19 +200,19 @@ class VectorEnvWrapper(AnyVectorWrapper):
             return observations
         return self.transformation.observations(observations, self._state)
 
-    def _extended_infos(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _extended_infos(self, infos: AnyDict) -> AnyDict:
         """The infos with the entries that the transformation adds."""
         if not self.transformation.adds_infos:
             return infos
         added = self.transformation.added_infos(infos, self._state)
-        return {**infos, **added, **{f"_{name}": np.ones(self.num_envs, np.bool_) for name in added}}
+        return {**infos, **added, **{f"_{name}": np.ones(self.num_envs, bool) for name in added}}
 
-    def _with_transformed_finals(self, infos: dict[str, Any]) -> dict[str, Any]:
+    def _with_transformed_finals(self, infos: AnyDict) -> AnyDict:
         """The infos with transformed final observations and infos of episodes that ended."""
         ended = infos[HAS_FINAL_OBS]
         env_ids = ended.nonzero()[0]
         state = FinalEnvState(self.transformation.env_description, self.env, env_ids)
-        changed: dict[str, Any] = {}
+        changed: AnyDict = {}
         if self.transformation.changes_observations:
             final_obs = changed[FINAL_OBS] = infos[FINAL_OBS].copy()
             transformed = self.transformation.observations(stacked(final_obs[env_ids].tolist()), state)
@@ -221,9 +227,7 @@ class VectorEnvWrapper(AnyVectorWrapper):
                 changed[FINAL_INFO] |= {name: column, f"_{name}": ended.copy()}
         return {**infos, **changed}
 
-    def _with_entries(
-        self, infos: dict[str, Any], entries: Mapping[str, Batch], acted: BoolArray, ended: BoolArray
-    ) -> dict[str, Any]:
+    def _with_entries(self, infos: AnyDict, entries: Batches, acted: BoolArray, ended: BoolArray) -> AnyDict:
         """The infos with the entries of this step's actions; in mode SAME_STEP those of ended episodes go to
         "final_info"."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
@@ -272,7 +276,8 @@ class FinalEnvState(EnvState):
 
     def __init__(self, description: EnvDescription, env: Any, env_ids: Int64Array) -> None:
         super().__init__(description, env.unwrapped.last_states(env_ids))
-        self._env, self._env_ids = env, env_ids
+        self._env = env
+        self._env_ids = env_ids
 
     def action_masks(self) -> BoolArray:
         inner = next((layer for layer in layers(self._env) if isinstance(layer, VectorEnvWrapper)), None)
@@ -281,7 +286,7 @@ class FinalEnvState(EnvState):
         return inner.transformation.action_masks(FinalEnvState(self._description, inner.env, self._env_ids))
 
 
-def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
+def _columns(entries: Batches, where: BoolArray) -> AnyDict:
     """Entries (N,) in the format of Gymnasium's vector infos: each with a mask `_name`; none where there are none."""
     if not where.any():
         return {}
@@ -290,7 +295,7 @@ def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
 
 
 def factory(
-    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]], module: str | None = None
+    wrapper: Callable[Concatenate[GymEnv, Settings], EnvWrapper[Any]], module: str | None = None
 ) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
     """A function that applies a wrapper to any kind of environment and returns the same kind.
 

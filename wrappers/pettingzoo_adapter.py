@@ -6,17 +6,17 @@ Imported by `factory` only for PettingZoo environments, so that pettingzoo stays
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
-import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.envs.observation import row_of
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
+from lilgym_mp.scene.arrays import AnyMapping
 from lilgym_mp.wrappers.actions import MaskInfo
 from lilgym_mp.wrappers.transformation import (
     EnvDescription,
@@ -35,7 +35,7 @@ def is_game(env: Any) -> bool:
     return isinstance(getattr(env, "unwrapped", None), BaseGameEnv)
 
 
-def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]) -> Any:
+def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: AnyMapping) -> Any:
     """A copy of the game `env` with the wrapper called `name`; `env` stays as it was, and is played on its own.
 
     Raises WrongEnvironment.
@@ -57,7 +57,7 @@ class GameLayer:
     """The effect of one wrapper on a game. Masks change only for the proposer, in its turn."""
 
     def __init__(
-        self, base: BaseGameEnv, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]
+        self, base: BaseGameEnv, name: str, transformation_class: MakeTransformation, settings: AnyMapping
     ) -> None:
         """Raises WrongEnvironment for array observations and for transformations that use MDP actions."""
         self._engine = base.engine
@@ -78,8 +78,10 @@ class GameLayer:
         self.transformation = self._transformations[PROPOSER]
 
     def __call__(self, role: Role, observation: AgentObservation) -> AgentObservation:
-        transformation, parts, mask = self._transformations[role], observation[PARTS], observation[MASK]
-        legal = mask[None].astype(np.bool_)
+        transformation = self._transformations[role]
+        parts = observation[PARTS]
+        mask = observation[MASK]
+        legal = mask[None].astype(bool)
         state = EnvState(transformation.env_description, (self._engine.state.mdp,), legal)
         if transformation.changes_observations:
             batch = transformation.observations(stacked([parts]), state)

@@ -45,8 +45,14 @@ MAX_LINE = 200  # a longer line names no action
 UNREADABLE = -1  # instead of an action: a line that has the form of one, but names none
 
 # Thoughts, which are not read. A name stands for its tags, such as <think>, <seed:think>, <|think|> and [THINK].
-THOUGHTS: tuple[str, ...] = (
-    *("think", "thinking", "thought", "thoughts", "reasoning", "analysis", "scratchpad"),
+THOUGHTS = (
+    "think",
+    "thinking",
+    "thought",
+    "thoughts",
+    "reasoning",
+    "analysis",
+    "scratchpad",
     "<|begin_of_thought|>...<|end_of_thought|>",
     "<|START_THINKING|>...<|END_THINKING|>",
     "<|channel|>analysis...<|channel|>final<|message|>",
@@ -210,7 +216,8 @@ def _thought_tags(thoughts: tuple[str, ...]) -> re.Pattern[str]:
     name = rf"(?:\w{{1,20}}:)?(?:{'|'.join(names)})"
     capitals = rf"(?-i:{'|'.join(map(str.upper, names))})"
     pairs = [pair.split("...", 1) for pair in thoughts if "..." in pair]
-    begins, ends = [re.escape(begin) for begin, _ in pairs], [re.escape(end) for _, end in pairs]
+    begins = [re.escape(begin) for begin, _ in pairs]
+    ends = [re.escape(end) for _, end in pairs]
     if names:
         begins += [rf"[<◁]\|?\s?{name}(?:\s[^<>]{{0,80}})?\|?[>▷]", rf"\[{capitals}\]"]
         ends += [rf"[<◁]\|?\s?/\s?{name}\s?\|?[>▷]", rf"[<◁]{name}\s?/[>▷]", rf"\[/{capitals}\]"]
@@ -231,14 +238,18 @@ def enclosed_answers(text: str) -> list[str]:
     The end tag may be missing, where generation stops at it, after a tag that begins a line.
     """
     found: list[str] = []
-    done, begin, name = 0, None, ""
+    done = 0
+    begin = None
+    name = ""
     for tag in _TAG.finditer(text):
         if not tag["end"]:
-            begin, name = tag, tag["name"].lower()
+            begin = tag
+            name = tag["name"].lower()
         elif begin is not None and tag["name"].lower() == name:
             found += _boxed(text[done : begin.start()])
             found += _boxed(text[begin.end() : tag.start()]) or [text[begin.end() : tag.start()]]
-            done, begin = tag.end(), None
+            done = tag.end()
+            begin = None
     if begin is not None and not found and not text[: begin.start()].rpartition("\n")[2].strip(_DECORATION):
         return _boxed(text[begin.end() :]) or [text[begin.end() :]]
     return found + _boxed(text[done:])

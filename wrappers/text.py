@@ -6,11 +6,10 @@ import base64
 import io
 import itertools
 import string
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from PIL import Image
@@ -21,13 +20,21 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Scen
 from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Strings
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
-from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
+from lilgym_mp.wrappers.transformation import (
+    STATEMENT,
+    Batch,
+    Batches,
+    EnvDescription,
+    EnvState,
+    GymEnv,
+    Transformation,
+)
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos
@@ -97,11 +104,12 @@ class TextFormat(Transformation):
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
         masks = state.action_masks() if self._lists_legal else itertools.repeat(None)
-        dynamics, scene = self.env_description.dynamics, self._scene
+        dynamics = self.env_description.dynamics
+        scene = self._scene
         states = zip(state.states(), masks, strict=self._lists_legal)
         return tuple(text_of(dynamics, each, legal=mask, scene=scene) for each, mask in states)
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         states = state.states()
         images = np.empty(len(states), object)
         for index, each in enumerate(states):
@@ -119,7 +127,8 @@ def text_of(
 ) -> str:
     """A state as text. `legal`: the mask of the legal actions to list, if any; `scene`: of SCENE_STYLES; `rules`: with
     what `instructions` also states, the rewards, cells and the form of the answer."""
-    appearance, task = dynamics.appearance, state.task
+    appearance = dynamics.appearance
+    task = state.task
     return "\n".join(
         (
             f"Statement: {task.statement}",
@@ -149,7 +158,7 @@ def picture(scene: Scene) -> Image.Image:
     return Image.fromarray(draw(scene))
 
 
-def image_part(image: Image.Image) -> dict[str, Any]:
+def image_part(image: Image.Image) -> AnyDict:
     """The image as a content part of a message, in the form of OpenAI's chat API: PNG in a data URL."""
     file = io.BytesIO()
     image.save(file, "PNG")
@@ -218,7 +227,7 @@ def _lines_by_cells(appearance: Appearance, indices: Iterable[int]) -> Iterator[
         yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
 
 
-def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+def _products(item_types: Iterable[Strings]) -> list[Strings]:
     """The item types as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
     merged = list(item_types)
     for slot in (1, 2, 0):
@@ -294,7 +303,7 @@ class TextObservation(EnvWrapper[TextFormat]):
 
     def __init__(
         self,
-        env: gym.Env[Any, Any],
+        env: GymEnv,
         *,
         default: int | str = "STOP",
         scene: str = "list",

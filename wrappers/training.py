@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.corpus.matching import matching_corpus, with_permuted_boxes
@@ -15,7 +13,7 @@ from lilgym_mp.scene.arrays import Float64Array
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.solution import value
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import EnvDescription, TaskChange, Transformation
+from lilgym_mp.wrappers.transformation import EnvDescription, GymEnv, TaskChange, Transformation
 
 
 class BoxPermutation(EnvWrapper[TaskChange]):
@@ -104,5 +102,5 @@ class PotentialShaping(EnvWrapper[Shaping]):
 
     transformation_class = Shaping
 
-    def __init__(self, env: gym.Env[Any, Any], discount: float = 1.0, budget: int | None = None) -> None:
+    def __init__(self, env: GymEnv, discount: float = 1.0, budget: int | None = None) -> None:
         super().__init__(env, discount=discount, budget=budget)

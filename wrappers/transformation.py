@@ -22,13 +22,17 @@ from lilgym_mp.envs.observation import item_array, item_capacity
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, Strings
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 STATEMENT = "statement"  # observation key
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
+AnySpace = spaces.Space[Any]
+Batches = Mapping[str, Batch]  # by name
+Spaces = Mapping[str, AnySpace]  # by name
+GymEnv = gym.Env[Any, Any]
 
 
 class WrongEnvironment(TypeError):
@@ -42,8 +46,8 @@ class EnvDescription:
     wrapper: str  # the wrapper's name, for error messages
     tasks: TaskSet
     dynamics: Dynamics
-    observation_space: spaces.Space[Any]  # space of one environment
-    action_space: spaces.Space[Any]  # space of one environment
+    observation_space: AnySpace  # space of one environment
+    action_space: AnySpace  # space of one environment
 
     @cached_property
     def item_capacity(self) -> int:
@@ -55,14 +59,14 @@ class EnvDescription:
         """The index of the action STOP."""
         return self.dynamics.appearance.encode(STOP)
 
-    def parts(self) -> Mapping[str, spaces.Space[Any]]:
+    def parts(self) -> Spaces:
         """The spaces of a Dict observation. Raises WrongEnvironment for other observations."""
         space = self.observation_space
         if not isinstance(space, spaces.Dict):
             raise self._lacking("Dict observations", space)
         return space.spaces
 
-    def part(self, name: str) -> spaces.Space[Any]:
+    def part(self, name: str) -> AnySpace:
         """The space of the observation's part `name`. Raises WrongEnvironment naming the existing parts."""
         parts = self.parts()
         if name not in parts:
@@ -91,7 +95,8 @@ class EnvDescription:
 def description_of(env: Any, wrapper: str) -> EnvDescription:
     """The description of `env` for `wrapper`. Raises WrongEnvironment for another package's environment."""
     base = env.unwrapped if isinstance(env, gym.Env | VectorEnv) else None
-    tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
+    tasks = getattr(base, "tasks", None)
+    dynamics = getattr(base, "dynamics", None)
     if tasks is None or dynamics is None:
         raise WrongEnvironment(
             f"{wrapper} wraps Gymnasium environments of this package, such as gymnasium.make(id), and batches, such as"
@@ -111,7 +116,8 @@ class EnvState:
     ) -> None:
         """`masks`: (B, actions) the legal actions, if the wrapped wrappers narrow them."""
         self._description = description
-        self._states, self._masks = states, masks
+        self._states = states
+        self._masks = masks
 
     def states(self) -> Sequence[State]:
         """One state per environment."""
@@ -151,7 +157,7 @@ class EnvState:
 
     def goal_reached(self) -> BoolArray:
         """(B,) whether STOP would succeed now."""
-        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], np.bool_)
+        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], bool)
 
 
 class Transformation:
@@ -167,11 +173,11 @@ class Transformation:
         """Raises WrongEnvironment for an unsuitable environment, ValueError for invalid settings."""
         self.env_description = description
 
-    def observation_space(self) -> spaces.Space[Any]:
+    def observation_space(self) -> AnySpace:
         """The transformed space of one environment."""
         return self.env_description.observation_space
 
-    def action_space(self) -> spaces.Space[Any]:
+    def action_space(self) -> AnySpace:
         """The transformed space of one environment."""
         return self.env_description.action_space
 
@@ -195,7 +201,7 @@ class Transformation:
         """(B,) the transformed rewards; `before` and `after`: potentials around the step, 0 after the end."""
         return rewards
 
-    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+    def added_infos(self, info: AnyMapping, state: EnvState) -> Batches:
         """Info entries to add after reset and step; `info` holds the existing ones."""
         return {}
 
@@ -238,13 +244,13 @@ class Format(Transformation):
     """Adds or replaces parts of Dict observations; subclasses define `new_spaces` and `new_values`."""
 
     changes_observations = True
-    replaces: tuple[str, ...] = ()  # parts to drop, unless `new_values` has them
+    replaces: Strings = ()  # parts to drop, unless `new_values` has them
 
-    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+    def new_spaces(self) -> Spaces:
         """The spaces of the new parts, of one environment."""
         raise NotImplementedError
 
-    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+    def new_values(self, observations: Batches, state: EnvState) -> Batches:
         """The values of the new parts."""
         raise NotImplementedError
 
@@ -252,7 +258,7 @@ class Format(Transformation):
         kept = {name: space for name, space in self.env_description.parts().items() if name not in self.replaces}
         return spaces.Dict(kept | dict(self.new_spaces()))
 
-    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> dict[str, Batch]:
+    def observations(self, observations: Batches, state: EnvState) -> dict[str, Batch]:
         kept = {name: values for name, values in observations.items() if name not in self.replaces}
         return kept | dict(self.new_values(observations, state))
 
@@ -278,7 +284,7 @@ def stacked(values: Sequence[Any]) -> Batch:
     return np.asarray(first)[None] if len(values) == 1 else np.stack(values)
 
 
-def unstacked(space: spaces.Space[Any], batch: Batch) -> list[Any]:
+def unstacked(space: AnySpace, batch: Batch) -> list[Any]:
     """The values of `space` in a batch."""
     if isinstance(space, spaces.Dict):
         parts = {name: unstacked(part, batch[name]) for name, part in space.spaces.items()}

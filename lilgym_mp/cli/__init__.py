@@ -7,11 +7,11 @@ that `lilgym-mp --help` is fast and works without torch.
 
 from __future__ import annotations
 
-import argparse
 import io
 import os
 import signal
 import sys
+from argparse import Action, ArgumentError, ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -28,10 +28,7 @@ from lilgym_mp.scene.choices import load_extensions
 from lilgym_mp.submodules import submodule_getter
 
 # Modules of this package, in the order of --help.
-COMMANDS = (
-    *("play", "train", "evaluate", "report", "experiment"),
-    *("explain", "solve", "data", "llm", "bench", "serve"),
-)
+COMMANDS = ("play", "train", "evaluate", "report", "experiment", "explain", "solve", "data", "llm", "bench", "serve")
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
 USAGE_ERROR = 2  # exit code: invalid arguments
@@ -80,14 +77,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_error("interrupted", INTERRUPTED)
 
 
-def parse_args(argv: Sequence[str]) -> argparse.Namespace:
+def parse_args(argv: Sequence[str]) -> Namespace:
     """The parsed command line, which also holds the unparsed `argv`."""
     words = argv[:2] if argv and argv[0] in COMMANDS else ()
-    return make_parser(*words).parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
+    return make_parser(*words).parse_args(argv or ["--help"], Namespace(argv=tuple(argv)))
 
 
 @cache
-def make_parser(only: str | None = None, learner: str | None = None) -> argparse.ArgumentParser:
+def make_parser(only: str | None = None, learner: str | None = None) -> ArgumentParser:
     """The parser, with every subcommand; or with one, and of `train` with one learner, to import no more than these."""
     load_extensions()  # so that the choices include what other packages register
     parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
@@ -98,7 +95,7 @@ def make_parser(only: str | None = None, learner: str | None = None) -> argparse
     return parser
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(ArgumentParser):
     """Raises CommandError, which prints as one line, instead of printing the usage.
 
     An option with several values may be given several times, and keeps each value once; others only once.
@@ -108,7 +105,7 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(*args, **settings)
         self.register("action", None, _Store)
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Namespace, list[str]]:
         """Refuses what this parser does not know, whereas argparse leaves it to the command that has this command."""
         parsed, unknown = super().parse_known_args(args, namespace)
         if unknown:
@@ -116,11 +113,11 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"unrecognized arguments: {' '.join(unknown)}{_did_you_mean(unknown[0].split('=')[0], known)}")
         return parsed, unknown
 
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
+    def _check_value(self, action: Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
             choices = [str(choice) for choice in action.choices]
             message = f"invalid choice: {value!r} (choose from {', '.join(choices)})"
-            raise argparse.ArgumentError(action, message + _did_you_mean(str(value), choices))
+            raise ArgumentError(action, message + _did_you_mean(str(value), choices))
 
     def error(self, message: str) -> NoReturn:
         see = " See" if message.endswith("?") else "; see"
@@ -133,10 +130,8 @@ def _did_you_mean(word: str, known: Sequence[str]) -> str:
     return f"; did you mean {close[0]}?" if close else ""
 
 
-class _Store(argparse.Action):
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
+class _Store(Action):
+    def __call__(self, parser: ArgumentParser, namespace: Namespace, values: Any, option: str | None = None) -> None:
         if option is not None:
             given: set[str] = vars(namespace).setdefault("given_options", set())
             if self.nargs in ("+", "*"):

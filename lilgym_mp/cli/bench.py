@@ -6,12 +6,12 @@ policy" chooses among the legal actions until the episode ends. Resets are timed
 
 from __future__ import annotations
 
-import argparse
 import gc
 import multiprocessing
 import re
 import sys
 import tracemalloc
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
@@ -226,7 +226,7 @@ def cases(counts: Sequence[int]) -> Iterator[Case]:
 GROUPS = list(dict.fromkeys(case.group for case in cases([1]) if case.group != COPY))
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp bench`."""
     names = " and ".join(QUICK)
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to measure (default: all)")
@@ -238,7 +238,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_corpus(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Prints one table per configuration: steps per second and memory of every way to play it."""
     names = args.configuration or (QUICK if args.quick else BUILTIN_CONFIGURATIONS)
     if min(args.num_envs) < 1:

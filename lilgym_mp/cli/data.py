@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.cli import data_sets
 from lilgym_mp.cli.data_report import statistics_text
@@ -27,16 +26,17 @@ from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.arrays import AnyMapping
 from lilgym_mp.scene.choices import listed
 
 INVALID_CORPUS = 1  # exit code of `check`
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the actions of `lilgym-mp data`, each with its own options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
 
-    def add(name: str, run: Callable[[argparse.Namespace], int], summary: str) -> argparse.ArgumentParser:
+    def add(name: str, run: Callable[[Namespace], int], summary: str) -> ArgumentParser:
         action = actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         action.set_defaults(run=run)
         return action
@@ -57,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     data_sets.add_actions(add)
 
 
-def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
+def _add_making(add: Callable[..., ArgumentParser]) -> None:
     generate = add("generate", _generate, "write statements with programs and start scenes made by the generator")
     generate.add_argument("number", type=int, metavar="N", help="statements of each appearance and split")
     add_number(generate, "--level", 3, "difficulty, 1 to 5")
@@ -93,16 +93,16 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
     generate.set_defaults(appearances=list(TEMPLATES))
 
 
-def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
+def _add_corpus_argument(parser: ArgumentParser) -> None:
     parser.add_argument("corpus", nargs="?", default="builtin", metavar="CORPUS", help=CORPUS_HELP)
 
 
-def _add_several(parser: argparse.ArgumentParser, name: str, choices: Collection[str]) -> None:
+def _add_several(parser: ArgumentParser, name: str, choices: Collection[str]) -> None:
     help_text = f"{name.removesuffix('s')}s to include (default: all)"
     parser.add_argument(f"--{name}", nargs="+", choices=choices, default=list(choices), help=help_text)
 
 
-def _download(args: argparse.Namespace) -> int:
+def _download(args: Namespace) -> int:
     target = installed_directory()
     names = [name for name in official_names(args.split) if not (target / name).exists()]
     if not names:
@@ -114,7 +114,7 @@ def _download(args: argparse.Namespace) -> int:
     return 0
 
 
-def _import(args: argparse.Namespace) -> int:
+def _import(args: Namespace) -> int:
     files = import_official(args.path, installed_directory())
     _print_installed(files, installed_directory())
     if missing := set(official_names()) - {file.name for file in files}:
@@ -129,18 +129,18 @@ def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
         print(f'note: {DATA_VARIABLE} is set, so the corpus "lilgym" is read from {named} instead')
 
 
-def _stats(args: argparse.Namespace) -> int:
+def _stats(args: Namespace) -> int:
     print(statistics_text(args.corpus, list(load_all_tasks(args.corpus))))
     return 0
 
 
-def _check(args: argparse.Namespace) -> int:
+def _check(args: Namespace) -> int:
     report = check_corpus(args.corpus)
     print(report)
     return 0 if report.ok else INVALID_CORPUS
 
 
-def _generate(args: argparse.Namespace) -> int:
+def _generate(args: Namespace) -> int:
     from lilgym_mp.corpus.generator import CorpusSpec, generated_entries
 
     check_at_least(args, 1, "number")
@@ -163,7 +163,7 @@ def _generate(args: argparse.Namespace) -> int:
     return 0
 
 
-def _synthesize(args: argparse.Namespace) -> int:
+def _synthesize(args: Namespace) -> int:
     check_at_least(args, 1, "starts")
     found = list(synthesize(args.corpus, args.appearances, args.split, starts=args.starts, seed=args.seed))
     entries = [entry for entry in found if args.starts < 2 or not _is_always_true(entry)]
@@ -182,7 +182,7 @@ def _synthesize(args: argparse.Namespace) -> int:
     return 0
 
 
-def _is_always_true(entry: Mapping[str, Any]) -> bool:
+def _is_always_true(entry: AnyMapping) -> bool:
     """Whether the entry's program is true in all its start scenes and in the empty scene."""
     try:
         empty = compile_program(entry["program"]).evaluate(Scene.empty())
@@ -191,26 +191,27 @@ def _is_always_true(entry: Mapping[str, Any]) -> bool:
     return empty and {start["label"] for start in entry["starts"]} == {True}
 
 
-def _permute(args: argparse.Namespace) -> int:
+def _permute(args: Namespace) -> int:
     entries: list[Mapping[str, object]] = []
     before = after = 0
     for tasks in load_all_tasks(args.corpus, args.appearances, [FLIPIT], args.split):
         permuted = with_permuted_boxes(tasks, distinct=True)
-        before, after = before + len(tasks), after + len(permuted)
+        before += len(tasks)
+        after += len(permuted)
         entries += flipit_entries(permuted)
     _write_corpus(args, f"{args.corpus}, boxes in every order", entries)
     print(f"{len(entries)} statements, {before} start scenes permuted into {after}")
     return 0
 
 
-def _export(args: argparse.Namespace) -> int:
+def _export(args: Namespace) -> int:
     rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.split, needs_tasks=False)))
     _write(args, rows)
     print(f"{len(rows):,} tasks")
     return 0
 
 
-def _split(args: argparse.Namespace) -> int:
+def _split(args: Namespace) -> int:
     if not is_split(args.out):
         raise CommandError(f"--out must name a file that ends in .split.json or .split.json.gz, not {str(args.out)!r}")
     lists = split_lists(args.by, list(load_all_tasks(args.corpus, args.appearances, [SCRATCH])))
@@ -220,10 +221,10 @@ def _split(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_corpus(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
+def _write_corpus(args: Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
     _write(args, (header_json(name, f"as {args.corpus}"), *entries))
 
 
-def _write(args: argparse.Namespace, rows: Iterable[Mapping[str, object]]) -> None:
+def _write(args: Namespace, rows: Iterable[Mapping[str, object]]) -> None:
     write_atomically(fresh_file(args.out, force=args.force), lambda unfinished: write_lines(unfinished, rows))
     print(f"wrote {args.out}")

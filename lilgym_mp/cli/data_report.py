@@ -15,8 +15,15 @@ from lilgym_mp.evaluation.terminal import table
 TASK_COLUMNS = ("configuration", "split", "tasks", "contexts", "true at start")
 PAPER_COLUMNS = ("tasks (paper)", "contexts (paper)")
 STATEMENT_COLUMNS = (
-    *("statements", "number", "forms", "words", "mean words", "longest"),
-    *("in train", "form in train", "new words"),
+    "statements",
+    "number",
+    "forms",
+    "words",
+    "mean words",
+    "longest",
+    "in train",
+    "form in train",
+    "new words",
 )
 Programs = Mapping[tuple[str, str], Mapping[str, str]]  # by appearance and split, and by statement as written
 

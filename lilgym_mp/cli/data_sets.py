@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Mapping, Sequence
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,10 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.observation import TokenSpace
 from lilgym_mp.evaluation import Episode, datasets, evaluate, random_legal
 from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import listed
 
-Add = Callable[..., argparse.ArgumentParser]
+Add = Callable[..., ArgumentParser]
 EXPERT, MEDIUM, MIXED, RANDOM = QUALITIES = "expert", "medium", "mixed", "random-legal"
 PARTS = {MIXED: (EXPERT, MEDIUM, RANDOM)}  # of mixed qualities, each with as many episodes
 
@@ -73,7 +74,7 @@ def add_actions(add: Add) -> None:
     _add_output(convert)
 
 
-def _add_output(parser: argparse.ArgumentParser) -> None:
+def _add_output(parser: ArgumentParser) -> None:
     options = parser.add_argument_group("data set")
     add_out(options, f"file to write: {listed(datasets.WRITERS)}")
     options.add_argument("--minari", metavar="NAME", help='Minari data set to write, such as "lilgym/tower-expert-v0"')
@@ -88,7 +89,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
     add_flag(options, "--optimal-actions", "add the expert's best actions (slow in Scatter)")
 
 
-def _collect(args: argparse.Namespace) -> int:
+def _collect(args: Namespace) -> int:
     check_at_least(args, 1, "episodes")
     check_at_least(args, 0, "seed")
     if args.agent is not None and MEDIUM not in PARTS.get(args.quality, [args.quality]):
@@ -106,7 +107,7 @@ def _collect(args: argparse.Namespace) -> int:
     return _write(sources, args, about)
 
 
-def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> list[datasets.Source]:
+def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: Namespace) -> list[datasets.Source]:
     """Episodes of the tasks, of one quality; none for the tasks that the expert cannot solve."""
     if not ids:
         return []
@@ -138,7 +139,7 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
     return [datasets.Source(settings, args.split, name, episodes)]
 
 
-def _convert(args: argparse.Namespace) -> int:
+def _convert(args: Namespace) -> int:
     _check_output(args)
     sources = [
         source
@@ -152,7 +153,7 @@ def _convert(args: argparse.Namespace) -> int:
     return _write(sources, args, {"recordings": [str(path) for path in args.sources]})
 
 
-def _check_output(args: argparse.Namespace) -> None:
+def _check_output(args: Namespace) -> None:
     """Raises an error for what would otherwise fail only after the episodes are played."""
     if args.out is None and args.minari is None:
         raise CommandError("name an output: --out FILE, --minari NAME, or both")
@@ -163,7 +164,7 @@ def _check_output(args: argparse.Namespace) -> None:
         datasets.check_minari(args.minari)
 
 
-def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
+def _tokens(env: gym.Env[Any, Any]) -> AnyDict:
     """The words that token ids stand for, from 2 on, and the length of a statement, if statements are token ids."""
     statement = getattr(env.observation_space, "spaces", {}).get("statement")
     if not isinstance(statement, TokenSpace):
@@ -171,7 +172,7 @@ def _tokens(env: gym.Env[Any, Any]) -> dict[str, Any]:
     return {"vocabulary": list(statement.vocabulary.words), "length": statement.shape[0]}
 
 
-def _write(sources: Sequence[datasets.Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
+def _write(sources: Sequence[datasets.Source], args: Namespace, about: AnyMapping) -> int:
     settings = datasets.common_settings(sources)
     splits = list(dict.fromkeys(source.split for source in sources))
     envs = datasets.environments(settings, splits, args.observation)

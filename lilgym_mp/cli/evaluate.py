@@ -10,8 +10,8 @@ lies. With --protocol, single agents take both seats, and without runs scripted 
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 SHOWN_TASKS = 5  # of those that the expert does not solve
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp evaluate`."""
     parser.add_argument(
         "agents",
@@ -147,7 +147,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Evaluates agents and policies, prints a table, and writes what --out and --record name."""
     check_at_least(args, 0, "seed")
     check_at_least(args, 1, "passes", "threads")
@@ -220,7 +220,7 @@ def unsolved_lines(results: Sequence[Result]) -> Iterator[str]:
             yield f"expert, {settings.configuration}: {len(names)} tasks failed: {reason} ({shown})"
 
 
-def _score_parses(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
+def _score_parses(args: Namespace, agents: Mapping[Path, Agent]) -> int:
     """Prints the accuracy of the agents' parsers on the split's statements, in percent."""
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.scoring import ParseItem, ParseScore, parse_scores
@@ -258,7 +258,7 @@ def _score_parses(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int
 
 
 def _played(
-    named: Sequence[NamedPolicy], plan: EvaluationPlan, args: argparse.Namespace, progress: Progress
+    named: Sequence[NamedPolicy], plan: EvaluationPlan, args: Namespace, progress: Progress
 ) -> Iterator[Result]:
     """The policies' results, each recorded with --record as soon as it is there."""
     judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
@@ -273,7 +273,7 @@ def _played(
         yield result
 
 
-def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[NamedPolicy]:
+def agent_policies(path: Path, agent: Agent, args: Namespace) -> list[NamedPolicy]:
     """The agent saved at `path`, once for each action mode to evaluate."""
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
@@ -300,7 +300,7 @@ def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[N
     ]
 
 
-def _opened(path: Path, args: argparse.Namespace) -> Agent:
+def _opened(path: Path, args: Namespace) -> Agent:
     import torch
 
     from lilgym_mp.learning.common.agents import agent_file, open_agent
@@ -327,7 +327,7 @@ def training_facts(description: ModelDescription) -> dict[str, float]:
     return facts
 
 
-def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[EnvConfig]:
+def _settings(args: Namespace, agents: Sequence[NamedPolicy]) -> list[EnvConfig]:
     """The environments to evaluate in, in the order of CONFIGURATIONS unless named."""
     requested: Sequence[str] = args.configuration or ()
     supported = {name for agent in agents for name in agent.configurations} if agents else set(CONFIGURATIONS)

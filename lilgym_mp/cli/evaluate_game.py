@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import product
@@ -23,10 +23,13 @@ from lilgym_mp.evaluation.game_partners import (
 )
 from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress, table
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
+
+    Agents = Mapping[Path, Agent]  # by run
 
 # Settings that may differ between runs that play together; the first run's are played:
 MAY_DIFFER = ("corpus", "rewards", "deceptive_share", "message_cost", "views")
@@ -40,7 +43,7 @@ lies accepted: % of games that end in an accepted false claim."""
 Player = tuple[str, Partner]  # one side of the game, and its name: a run's path or a scripted partner's
 
 
-def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
+def evaluate_games(args: Namespace, agents: Agents) -> int:
     """Plays the two-agent game with every pair of agents; returns the exit status."""
     unused = [name for name in ("policy", "record", "name") if getattr(args, name)]
     if args.passes > 1:
@@ -79,16 +82,16 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
 def _played(
     settings: GameSettings,
     pairs: Sequence[tuple[Player, Player]],
-    agents: Mapping[Path, Agent],
+    agents: Agents,
     progress: Progress,
     seed: int = 0,
     *,
     actions: str = GREEDY,
     messages: str | None = None,
-) -> list[dict[str, Any]]:
+) -> list[AnyDict]:
     """The measures of a game with each pair, and what was played."""
     env = BaseGameEnv(**vars(settings))
-    results: list[dict[str, Any]] = []
+    results: list[AnyDict] = []
     for (proposer, proposing), (verifier, judging) in pairs:
         if messages:
             proposing, judging = (ChangedMessages(each, messages) for each in (proposing, judging))
@@ -112,11 +115,11 @@ def _played(
     return results
 
 
-def play_on_dev(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
+def play_on_dev(agents: Agents) -> list[AnyDict]:
     """The results of each run with every other of its game, and with scripted partners, by most probable actions."""
     names = [name for name in ("configuration", *GameSettings.settings()) if name not in MAY_DIFFER]
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
-    results: list[dict[str, Any]] = []
+    results: list[AnyDict] = []
     groups = grouped((repr([_compared(game, name) for name in names]), path) for path, game in own.items())
     for paths in groups.values():
         settings = replace(own[paths[0]], split="dev")
@@ -127,7 +130,7 @@ def play_on_dev(agents: Mapping[Path, Agent]) -> list[dict[str, Any]]:
     return results
 
 
-def _remark(proposer: str, verifier: str, agents: Mapping[Path, Agent]) -> str:
+def _remark(proposer: str, verifier: str, agents: Agents) -> str:
     """How the games differ in which two runs have learned; "" if one of them is scripted."""
     games = [agents[Path(name)].game for name in (proposer, verifier) if Path(name) in agents]
     if len(games) < len(Role) or None in games:
@@ -155,7 +158,7 @@ def _flat(result: JSON) -> JSON:
     return row
 
 
-def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameSettings]:
+def _games(args: Namespace, agents: Agents) -> list[GameSettings]:
     """The games to play, one for each configuration: that of the runs, or each protocol."""
     given = {**given_environment(args), "split": args.split}
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
@@ -183,9 +186,7 @@ def _compared(settings: GameSettings, name: str) -> Any:
     return getattr(settings, name)
 
 
-def _pairs(
-    settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool, sampled: bool
-) -> list[tuple[Player, Player]]:
+def _pairs(settings: GameSettings, agents: Agents, *, all_pairs: bool, sampled: bool) -> list[tuple[Player, Player]]:
     """Every pair, or those that the runs need: no pair of two scripted partners if there are runs.
 
     Raises ValueError for an agent that cannot play the game.

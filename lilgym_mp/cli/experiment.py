@@ -6,8 +6,8 @@ REPORT` makes tables and figures of the results. With --split, evaluates the tra
 
 from __future__ import annotations
 
-import argparse
 import shlex
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 RESULTS = Path("results")
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp experiment`."""
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Lists or executes the runs of an experiment file; returns the exit status."""
     from lilgym_mp.cli.experiment_plan import OUT, read_plan
     from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, execute, make_attempts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -17,6 +17,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.policies import GREEDY, built_in_policy
 from lilgym_mp.learning.common.learners import Learner, find_learner
+from lilgym_mp.scene.arrays import AnyMapping, Strings
 from lilgym_mp.scene.choices import choose, flag_name
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
@@ -32,8 +33,8 @@ class PlannedRun:
     """A training run with its evaluation, or the evaluation of built-in policies."""
 
     name: str  # name of its directories and log
-    train: tuple[str, ...]  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
-    evaluate: tuple[tuple[str, ...], ...]  # one command per split, except the run directory and --record
+    train: Strings  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
+    evaluate: tuple[Strings, ...]  # one command per split, except the run directory and --record
     budget: tuple[str, float] | None = None  # a key of the progress file, and its value at the end of training
     records: bool = True  # whether evaluations are recorded, or else written as JSON
 
@@ -68,7 +69,7 @@ def read_plan(path: Path, split: str | None = None) -> list[PlannedRun]:
         raise CommandError(f"{path}: {error}") from None
 
 
-def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
+def _plan(values: AnyMapping, split: str | None) -> list[PlannedRun]:
     _check_keys(values, KEYS)
     configurations = _distinct(values, "configurations", list(CONFIGURATIONS))
     given = {key: values[key] for key in EnvConfig.settings() if key in values}
@@ -100,14 +101,14 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
     return runs
 
 
-def _check_keys(values: Mapping[str, Any], choices: Sequence[str]) -> None:
+def _check_keys(values: AnyMapping, choices: Sequence[str]) -> None:
     for key in values:
         choose("key", key, dict.fromkeys(choices))
     if not isinstance(corpus := values.get("corpus", ""), str):
         raise CommandError(f"corpus: must be a string, not {corpus!r}")
 
 
-def _distinct(values: Mapping[str, Any], key: str, default: list[Any]) -> list[Any]:
+def _distinct(values: AnyMapping, key: str, default: list[Any]) -> list[Any]:
     """The value, a list of distinct elements."""
     found = values.get(key, default)
     if not isinstance(found, list) or not found or len(set(map(str, found))) < len(found):
@@ -115,7 +116,7 @@ def _distinct(values: Mapping[str, Any], key: str, default: list[Any]) -> list[A
     return found
 
 
-def _learner_runs(values: Mapping[str, Any], experiment: _Experiment) -> Iterator[PlannedRun]:
+def _learner_runs(values: AnyMapping, experiment: _Experiment) -> Iterator[PlannedRun]:
     """The runs of one table [[learners]], for each of its configurations and seeds."""
     kind = values.get("learner", "")
     learner = find_learner(kind)
@@ -185,7 +186,7 @@ def _checked(command: Sequence[str], learner: Learner) -> tuple[tuple[str, float
     return learner.budget(recipe, own), recipe
 
 
-def _evaluations(options: Iterable[str], splits: Iterable[str]) -> Iterator[tuple[str, ...]]:
+def _evaluations(options: Iterable[str], splits: Iterable[str]) -> Iterator[Strings]:
     """The commands that evaluate on each split with these options."""
     from lilgym_mp.cli import parse_args
 
@@ -195,7 +196,7 @@ def _evaluations(options: Iterable[str], splits: Iterable[str]) -> Iterator[tupl
         yield command
 
 
-def _flags(options: Mapping[str, Any]) -> list[str]:
+def _flags(options: AnyMapping) -> list[str]:
     """The words of the command line for options, several for a list."""
     words: list[str] = []
     for key, value in options.items():

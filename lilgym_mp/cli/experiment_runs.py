@@ -21,7 +21,10 @@ from lilgym_mp.cli.options import CommandError
 from lilgym_mp.evaluation.files import read_json, read_lines, writable_directory, write_json
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE, RUN_FILE
 
-RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
+RUNS = "runs"
+EPISODES = "episodes"
+LOGS = "logs"
+FINISHED = "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps a second on Scatter
 

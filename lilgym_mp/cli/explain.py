@@ -7,11 +7,11 @@ scenes in which it is true and false.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import json
 import random
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -33,9 +33,9 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.terminal import Progress, hanging, shows_colours
-from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
+from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.programs.tracing import trace
+from lilgym_mp.programs.tracing import explain_program, trace
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -50,7 +50,7 @@ DEFAULT_CONFIGURATION = "TowerScratch"
 SENTENCE_COLUMNS = ("sentence", "statement")  # of a CSV file, the first that it has
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp explain`."""
     parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as 'There is a blue block.'")
     parser.add_argument(
@@ -90,7 +90,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Prints how an agent reads a statement and plans for it, or how a program evaluates on a scene."""
     if args.program is not None:
         return _explain_program(args)
@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
+def _print_parses(agent: ParseAndPlanAgent, args: Namespace) -> int:
     """Prints a JSON array with an object for each statement, as soon as it is parsed."""
     settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
     sentences = list(_sentences(args.file))
@@ -180,7 +180,7 @@ def _sentences(path: Path) -> Iterator[tuple[JSON, str]]:
         raise CommandError(f"{path}, line {reader.line_num}: {error}") from None
 
 
-def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:
+def _settings_and_task(args: Namespace) -> tuple[EnvConfig, Task]:
     """The environment and task to plan for. Without --task, the start scene is empty."""
     options = given_environment(args)
     if args.task is None:
@@ -195,7 +195,7 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:
     return EnvConfig(name, **options), tasks.by_id(args.task)
 
 
-def _explain_program(args: argparse.Namespace) -> int:
+def _explain_program(args: Namespace) -> int:
     """Prints the program's words or its error, and the value of each part in the task's start scene, or in others."""
     task = None if args.task is None else _settings_and_task(args)[1]
     source = args.program or (task and task.program)
@@ -215,7 +215,7 @@ def _explain_program(args: argparse.Namespace) -> int:
     return 0
 
 
-def _labelled_scenes(source: str, args: argparse.Namespace) -> Iterator[tuple[Scene, str]]:
+def _labelled_scenes(source: str, args: Namespace) -> Iterator[tuple[Scene, str]]:
     """Scenes with their titles. Says so if the program is true, or false, in all scenes that were tried."""
     from lilgym_mp.corpus.synthesis import start_scenes
 

@@ -6,11 +6,11 @@ Edit the scene until the statement has the target truth value, then stop; type h
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import places_of
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.wrappers.replies import action_on
@@ -42,7 +43,7 @@ MOST_LISTED = 13  # legal actions shown
 SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], "both": AGENTS}
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp play`."""
     add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
@@ -60,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Lets a person play episodes, or one side of the game, in the terminal."""
     settings = EnvConfig(**given_settings(args))
     split = split_of(settings, args.split, args.task)
@@ -209,7 +210,7 @@ HELP = (
 )
 
 
-def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int:
+def _play_game(settings: EnvConfig, split: str, args: Namespace) -> int:
     """Plays one game of the person and a scripted partner to its end."""
     from lilgym_mp.envs.proposer_verifier import SCRIPTED, PartnerTurn, parallel_env
 
@@ -217,8 +218,11 @@ def _play_game(settings: EnvConfig, split: str, args: argparse.Namespace) -> int
     partner = choose("partner", args.partner or PARTNERS[side], SCRIPTED)
     game = parallel_env(settings.id, protocol=args.protocol or "veto", **settings.arguments(split))
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
-    engine, lines, rng, rewards = game.engine, _input_lines(), np.random.default_rng(args.seed), np.zeros(len(AGENTS))
-    info: dict[str, Any] = {}
+    engine = game.engine
+    lines = _input_lines()
+    rng = np.random.default_rng(args.seed)
+    rewards = np.zeros(len(AGENTS))
+    info: AnyDict = {}
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
     while engine.movers:
         print(text(game.scene, [], coloured=shows_colours()))

@@ -5,7 +5,7 @@ Finds shortest solutions of all tasks of the splits, and reports which are prove
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import mean, median
@@ -59,7 +59,7 @@ class TaskReport(NamedTuple):
     seconds: float
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: ArgumentParser) -> None:
     """Adds the options of `lilgym-mp solve`."""
     add_configuration(parser, several=True)
     parser.add_argument(
@@ -73,13 +73,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
 
 
-def add_solving(parser: argparse.ArgumentParser) -> None:
+def add_solving(parser: ArgumentParser) -> None:
     """Options that limit the expert's work."""
     options = parser.add_argument_group("expert")
     add_number(options, "--budget", None, "search budget: maximum number of scenes per task")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Solves all tasks of the chosen splits, or those named by --task, and prints what it found."""
     check_at_least(args, 1, "episodes")
     check_out(args)
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run_tasks(chosen: Sequence[EnvConfig], args: argparse.Namespace) -> int:
+def _run_tasks(chosen: Sequence[EnvConfig], args: Namespace) -> int:
     """Prints the solutions of the named tasks, action by action."""
     if len(chosen) != 1 or len(args.split or ["one"]) != 1:
         raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
@@ -154,7 +154,7 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
         state = transition.state
 
 
-def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:
+def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
     solver = Solver(settings.dynamics(), args.budget)
     reports = list[TaskReport]()

@@ -5,7 +5,7 @@ Trains an agent. Ctrl-C saves a checkpoint and exits; --resume continues from it
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser
 from functools import partial
 
 from lilgym_mp.cli import training
@@ -13,7 +13,7 @@ from lilgym_mp.cli.options import help_of
 from lilgym_mp.learning.common.learners import LEARNERS, find_learner
 
 
-def add_options(parser: argparse.ArgumentParser, only: str | None = None) -> None:
+def add_options(parser: ArgumentParser, only: str | None = None) -> None:
     """A command for each learner, or for `only` one."""
     learners = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
     for name in [only] if only in LEARNERS else LEARNERS:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -17,10 +17,11 @@ from lilgym_mp.evaluation.files import read_lines
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, TrainingRunError, begin_run, check_same
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 
 
-def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) -> None:
+def add_options(parser: ArgumentParser, name: str, learner: Learner) -> None:
     """The options of the command that trains with this learner."""
     if learner.config is not None:
         options.add_configuration(parser, nargs="?")
@@ -55,7 +56,7 @@ def _varying_defaults(learner: Learner) -> dict[str, str]:
     return texts
 
 
-def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
+def train(args: Namespace, name: str, learner: Learner) -> int:
     """Trains as the options say, and returns the exit code. Raises CommandError, ValueError."""
     options.check_at_least(args, 1, "threads")
     settings, recipe, own, directory = requested(args, name, learner)
@@ -116,11 +117,11 @@ def _board(writer: Any, directory: Path, resumed_unit: str | None) -> Any:
     return writer(directory / "tensorboard", purge_step=step)
 
 
-def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
+def requested(args: Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
     """The environment, recipe, options and directory of the run that the options ask for. Raises as `train`."""
     given = given_options(args, learner.options.names())
     changes = given_options(args, learner.recipe.names())
-    environment: dict[str, Any] = {}
+    environment: AnyDict = {}
     if learner.config is not None:
         environment = given_options(args, ["configuration", *learner.config.settings()])
         if args.configuration is not None:
@@ -138,7 +139,7 @@ def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[An
     return settings, recipe, learner.options(**given), directory
 
 
-def resumed(path: Path, name: str, learner: Learner, *given: dict[str, Any]) -> tuple[Any, Any, Any]:
+def resumed(path: Path, name: str, learner: Learner, *given: AnyDict) -> tuple[Any, Any, Any]:
     """The environment, recipe and options of the run in a directory.
 
     `given`: what was requested of each, which must be the run's, except options that are no part of its identity.

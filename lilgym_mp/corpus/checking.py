@@ -9,7 +9,7 @@ from typing import NamedTuple
 from lilgym_mp.corpus.faults import CorpusError, Fault
 from lilgym_mp.corpus.formats import read_corpus_file
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
+from lilgym_mp.corpus.locations import PathLike, corpus_path, is_generated, is_split
 from lilgym_mp.corpus.official import RELEASED_NAMES, read_released_file
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -52,7 +52,7 @@ class CorpusReport:
         return "\n".join([self.path, *counts, *absent, *faults])
 
 
-def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
+def check_corpus(corpus: PathLike) -> CorpusReport:
     """Validates all of a corpus.
 
     Args:

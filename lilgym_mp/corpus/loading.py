@@ -11,7 +11,7 @@ from pathlib import Path
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.formats import Configuration, read_corpus_file
-from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
+from lilgym_mp.corpus.locations import PathLike, corpus_path, is_generated, is_split
 from lilgym_mp.corpus.notes import note_after, write_note
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
@@ -23,9 +23,7 @@ CACHED_SETS = 16
 _LOADING = threading.Lock()
 
 
-def load_tasks(
-    corpus: str | os.PathLike[str], appearance: str, start: str, split: str, *, needs_tasks: bool = True
-) -> TaskSet:
+def load_tasks(corpus: PathLike, appearance: str, start: str, split: str, *, needs_tasks: bool = True) -> TaskSet:
     """The validated tasks of one configuration and split.
 
     Task sets are cached until their file changes; callers in several threads wait for one of them to load a set.
@@ -78,7 +76,7 @@ def load_tasks(
 
 
 def load_all_tasks(
-    corpus: str | os.PathLike[str],
+    corpus: PathLike,
     appearances: Iterable[str] = APPEARANCES,
     starts: Iterable[str] = STARTS,
     splits: Iterable[str] = SPLITS,

@@ -16,6 +16,7 @@ OFFICIAL = "lilgym"
 GENERATED = "generated"  # prefix of the names of generated corpora
 BUILTIN_FILE = "builtin.jsonl.gz"
 DATA_VARIABLE = "LILGYM_DATA"
+PathLike = str | os.PathLike[str]
 
 
 def is_generated(corpus: object) -> bool:
@@ -28,7 +29,7 @@ def is_path(corpus: str) -> bool:
     return corpus not in (BUILTIN, OFFICIAL) and not is_generated(corpus) and not corpus.startswith(f"{BUILTIN}:")
 
 
-def fixed_name(corpus: str | os.PathLike[str]) -> str:
+def fixed_name(corpus: PathLike) -> str:
     """The corpus's name; a path is made absolute, "~" being the home directory.
 
     A word alone (no directory, no suffix) that names nothing stays as it is, for the error that refuses it.
@@ -56,7 +57,7 @@ def fixed_keywords(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: FIXED[name](value) if name in FIXED else value for name, value in given.items()}
 
 
-def is_split(corpus: str | os.PathLike[str]) -> bool:
+def is_split(corpus: PathLike) -> bool:
     """Whether the name is that of a compositional split, valid or not, or of a file of its lists."""
     return os.fspath(corpus).startswith(f"{BUILTIN}:") or os.fspath(corpus).endswith((".split.json", ".split.json.gz"))
 
@@ -75,7 +76,7 @@ def official_directory() -> Path:
 
 
 @contextmanager
-def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
+def corpus_path(corpus: PathLike) -> Generator[Path, None, None]:
     """The existing file or directory of a corpus, valid within the `with` block.
 
     Raises CorpusError when it does not exist, saying how to obtain it.

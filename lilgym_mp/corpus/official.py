@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -86,7 +86,7 @@ class FileFacts(NamedTuple):
     content_sha256: str | None = None  # `content_digest`; None: no copy was available
 
 
-FILE_FACTS: Mapping[str, FileFacts] = {
+FILE_FACTS = {
     "tower_scratch_train.json": FileFacts(989, 989, "0ad23ecc3d8dbe0a40aec5ab28c86edc7da5b7d4885cbc1a6e0433a2d01ae66d"),
     "tower_scratch_dev.json": FileFacts(163, 163, "94d169ef3717768aed1e6137559f81a4001305df93195da05761288bfa06abad"),
     "tower_scratch_test.json": FileFacts(324, 324),

@@ -6,10 +6,10 @@ successor are one edit apart, a near miss where a statement has different truth 
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.corpus.scene_sampling import sampler_of
@@ -41,7 +41,7 @@ class ScenePool:
     walks: tuple[Walk, ...]
 
     @classmethod
-    def sample(cls, appearance: str, rng: random.Random, walks: int) -> ScenePool:
+    def sample(cls, appearance: str, rng: Random, walks: int) -> ScenePool:
         """The scenes of random walks and all their successors, without duplicates."""
         found = tuple(islice(random_walks(appearance, rng), walks))
         scenes = dict.fromkeys(
@@ -55,7 +55,7 @@ class ScenePool:
             if walk and not any(walk[0].scene.items()):
                 yield from (scene for expansion in walk for scene in (expansion.scene, *expansion.successors))
 
-    def neighbours(self, rng: random.Random) -> Iterator[tuple[Scene, Scene]]:
+    def neighbours(self, rng: Random) -> Iterator[tuple[Scene, Scene]]:
         """Pairs of non-empty scenes one edit apart, in random order of the walks."""
         for walk in rng.sample(self.walks, len(self.walks)):
             for expansion in walk:
@@ -63,14 +63,14 @@ class ScenePool:
                     yield from ((expansion.scene, successor) for successor in expansion.successors)
 
 
-def random_walks(appearance: str, rng: random.Random) -> Iterator[Walk]:
+def random_walks(appearance: str, rng: Random) -> Iterator[Walk]:
     """Endless walks, alternately from the empty scene and from a random one."""
     while True:
         yield _random_walk(appearance, Scene.empty(), rng, (3, 5, 7, 9))
         yield _random_walk(appearance, sampler_of(appearance).legible_scene(rng), rng, (1, 2, 3))
 
 
-def _random_walk(appearance: str, scene: Scene, rng: random.Random, lengths: tuple[int, ...]) -> Walk:
+def _random_walk(appearance: str, scene: Scene, rng: Random, lengths: tuple[int, ...]) -> Walk:
     expansions: list[Expansion] = []
     palette = ItemTypes.few(rng)
     boxes = rng.sample(range(BOX_COUNT), rng.choice((1, 2, 3, 3)))
@@ -84,7 +84,7 @@ def _random_walk(appearance: str, scene: Scene, rng: random.Random, lengths: tup
     return tuple(expansions)
 
 
-def _successor(appearance: str, scene: Scene, rng: random.Random, palette: ItemTypes, boxes: list[int]) -> Scene | None:
+def _successor(appearance: str, scene: Scene, rng: Random, palette: ItemTypes, boxes: list[int]) -> Scene | None:
     """The scene after a random ADD that a REMOVE undoes; None if none was found."""
     geometry = make_appearance(appearance)
     sampler = sampler_of(appearance)

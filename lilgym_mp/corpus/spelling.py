@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import NamedTuple
 
 from lilgym_mp.corpus.tokens import NUMERALS
+from lilgym_mp.scene.arrays import Strings
 
 NUMBERS = {word: str(number) for number, word in enumerate(NUMERALS)}
 CONTRACTIONS = (
@@ -124,7 +125,7 @@ def _with_first_letter(words: list[str]) -> list[str]:
     return [LOST_FIRST_LETTER.get(word, word) for word in words[:1]] + words[1:]
 
 
-def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, Strings]]:
     """Each word as typed, and the words it is read as."""
     known = known if isinstance(known, frozenset) else frozenset(known)
     well_spelt, others, _ = word_lists()
@@ -138,7 +139,7 @@ def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, tuple[s
 
 
 @lru_cache(maxsize=CACHED_WORDS)
-def _corrected(word: str, known: frozenset[str]) -> tuple[str, ...]:
+def _corrected(word: str, known: frozenset[str]) -> Strings:
     well_spelt = word_lists().well_spelt
     choices = well_spelt & (known | NUMBERS.keys())
     cuts = ((word[:at], word[at:]) for at in range(1, len(word)))

@@ -7,12 +7,12 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import Vocabulary, words
+from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.scene.choices import checked_count
 
 VOCABULARY_SPLIT = "train"
@@ -69,12 +69,12 @@ class StatementArrays:
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks, keeping vocabulary and length. Raises ValueError when a statement is too long."""
-        self._encoded: dict[str, npt.NDArray[np.int64]] = {}
+        self._encoded: dict[str, Int64Array] = {}
         longest_first = sorted(statements_of(tasks), key=lambda statement: -len(words(statement)))
         self._encoded = {statement: self.row(statement) for statement in longest_first}
-        self.rows: npt.NDArray[np.int64] = np.stack([self._encoded[task.statement] for task in tasks])  # (tasks, L)
+        self.rows: Int64Array = np.stack([self._encoded[task.statement] for task in tasks])  # (tasks, L)
 
-    def row(self, statement: str) -> npt.NDArray[np.int64]:
+    def row(self, statement: str) -> Int64Array:
         """(length,) the token ids of a statement. Raises ValueError when it is too long."""
         if statement in self._encoded:
             return self._encoded[statement]

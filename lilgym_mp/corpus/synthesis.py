@@ -5,26 +5,26 @@ The pairs cannot be classified by item counts or colour statistics alone.
 
 from __future__ import annotations
 
-import os
-import random
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
-from typing import Any
+from random import Random
 
 from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.locations import PathLike
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
 from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.writing import LabelledScene, entry_json
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.arrays import AnyDict
 
 WALKS = 400  # random walks through scenes, in search of a change of the truth value
 WALK_LENGTH = 8  # single-item changes per walk
 
 
 def start_scenes(
-    program: str, appearance: str, rng: random.Random, count: int, walks: int = WALKS
+    program: str, appearance: str, rng: Random, count: int, walks: int = WALKS
 ) -> tuple[LabelledScene, ...]:
     """At most `count` distinct non-empty scenes, alternately true and false.
 
@@ -72,7 +72,7 @@ def near_misses(
                 break
 
 
-def _walk(appearance: str, rng: random.Random) -> Iterator[Scene]:
+def _walk(appearance: str, rng: Random) -> Iterator[Scene]:
     """A random scene, changed by one item at a time."""
     sampler = sampler_of(appearance)
     yield (scene := sampler.scene(rng))
@@ -89,13 +89,13 @@ def _value(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | None:
 
 
 def synthesize(
-    corpus: str | os.PathLike[str],
+    corpus: PathLike,
     appearances: Iterable[str] = APPEARANCES,
     splits: Iterable[str] = SPLITS,
     *,
     starts: int = 4,
     seed: int = 0,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[AnyDict]:
     """An entry for `write_corpus`, with at most `starts` start scenes, for every statement of a corpus's Scratch tasks.
 
     The scenes of a statement depend on the seed and the statement only. Ids are those of the tasks; if these are not
@@ -110,7 +110,7 @@ def synthesize(
         split = tasks.provenance.split
         for task in tasks:
             name = task.id if unique else f"{appearance}-{split}-{task.id}"
-            rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")
+            rng = Random(f"{seed} {appearance} {task.statement} {task.program}")
             scenes = enumerate(start_scenes(task.program, appearance, rng, starts), start=1)
             found = ((f"{name}:{index}", start) for index, start in scenes)
             yield entry_json(name, appearance, split, task.statement, task.program, found, task.tags)

@@ -16,7 +16,7 @@ from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compi
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Item, Scene, SceneError
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.arrays import BOOLEANS
+from lilgym_mp.scene.arrays import BOOLEANS, Strings
 
 MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids
 
@@ -55,7 +55,7 @@ class TaskSet(Sequence[Task]):
         self.provenance = provenance
 
     @property
-    def ids(self) -> tuple[str, ...]:
+    def ids(self) -> Strings:
         """Every task's id, in file order."""
         return tuple(self._indices)
 

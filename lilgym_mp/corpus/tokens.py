@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from lilgym_mp.corpus.locations import PathLike
+from lilgym_mp.scene.arrays import Int64Array, Strings
 
 PAD = 0
 UNKNOWN = 1
@@ -25,7 +27,7 @@ VERSION = 1
 _LETTER = r"(?:[^\W_]|[\u0300-\u036f\u0591-\u05c7\u0610-\u061a\u064b-\u0670\u0900-\u0963\u0970-\u0e4e\u200c\u200d])"
 _WORD = re.compile(rf"[^\W_]{_LETTER}*(?:['\u2019]{_LETTER}+)*")
 NUMERALS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-_PLACEHOLDERS: dict[str, str] = {
+_PLACEHOLDERS = {
     **dict.fromkeys(("yellow", "black", "blue"), "COLOUR"),
     **dict.fromkeys(("circle", "circles", "square", "squares", "triangle", "triangles"), "SHAPE"),
     **dict.fromkeys(("small", "medium", "big", "large"), "SIZE"),
@@ -38,7 +40,7 @@ class VocabularyError(ValueError):
 
 
 @lru_cache(2**12)  # every new environment asks for those of its corpus
-def words(statement: str) -> tuple[str, ...]:
+def words(statement: str) -> Strings:
     """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
     return tuple(_WORD.findall(unicodedata.normalize("NFC", statement).lower()))
 
@@ -64,7 +66,7 @@ class Vocabulary:
         VocabularyError: For duplicate words.
     """
 
-    words: tuple[str, ...]
+    words: Strings
     _ids: dict[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -96,7 +98,7 @@ class Vocabulary:
         """
         return self._ids.get(word, UNKNOWN)
 
-    def encode(self, statement: str, length: int) -> npt.NDArray[np.int64]:
+    def encode(self, statement: str, length: int) -> Int64Array:
         """The statement's token ids, int64 (length,), padded or truncated at the end.
 
         Args:
@@ -134,7 +136,7 @@ class Vocabulary:
             raise VocabularyError(f"invalid token id {token_id}; choose from 0 to {len(self) - 1}")
         return self.words[token_id - FIRST_WORD]
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: PathLike) -> None:
         """Writes the vocabulary as JSON.
 
         Args:
@@ -144,7 +146,7 @@ class Vocabulary:
         Path(path).write_text(json.dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
+    def load(cls, path: PathLike) -> Vocabulary:
         """Reads a vocabulary written by `save`.
 
         Args:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lilgym_mp.corpus.formats import FORMAT, VERSION
+from lilgym_mp.corpus.locations import PathLike
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.grouping import grouped
 
 
@@ -30,7 +31,7 @@ def entry_json(
     program: str,
     starts: Iterable[tuple[str, LabelledScene]],
     tags: Sequence[str] = (),
-) -> dict[str, Any]:
+) -> AnyDict:
     """A corpus file entry; `starts` are pairs of id and labelled scene."""
     return {
         "id": entry_id,
@@ -56,7 +57,7 @@ def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
 
 
 def write_corpus(
-    path: str | os.PathLike[str],
+    path: PathLike,
     name: str,
     licence: str,
     entries: Iterable[Mapping[str, object]],

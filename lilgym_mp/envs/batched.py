@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
-from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
 from lilgym_mp.envs.interface import RENDER_FPS, TaskEnvironment, make_renderer, warn_of_no_mode
 from lilgym_mp.envs.keywords import refuse_old_id
@@ -27,15 +27,15 @@ from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import Sampler, check_statement, checked_task
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, Rng, UInt8Array
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
 _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
 
 T = TypeVar("T")
-Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
-Infos = dict[str, Any]
+Observations = AnyDict  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
+Infos = AnyDict
 
 
 class ResultTable(NamedTuple):
@@ -69,7 +69,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         copy: Whether returned images are copies.
     """
 
-    metadata: dict[str, Any] = {
+    metadata: AnyDict = {
         "render_modes": list(RENDER_MODES),
         "render_fps": RENDER_FPS,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -123,12 +123,12 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         raise AttributeError("the sampler of a batch cannot be set; pass sampler=... when making the batch")
 
     @property
-    def np_random(self) -> np.random.Generator:
+    def np_random(self) -> Rng:
         """A generator that no environment uses: each has its own, which `reset(seed=...)` seeds."""
         return super().np_random
 
     @np_random.setter
-    def np_random(self, value: np.random.Generator) -> None:
+    def np_random(self, value: Rng) -> None:
         raise AttributeError("each environment of a batch has a generator of its own; call reset(seed=...)")
 
     def _check_open(self) -> None:
@@ -174,7 +174,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
                 self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: AnyMapping | None = None
     ) -> tuple[Observations, Infos]:
         """Resets every environment, or those chosen.
 
@@ -215,7 +215,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         return np.flatnonzero(mask)
 
     def _chosen_tasks(self, task: object) -> Sequence[int | Task | None]:
-        choices = cast("Sequence[Any]", task) if is_list(task) else [task] * self.num_envs
+        choices = cast("Sequence[Any]", task) if _is_list(task) else [task] * self.num_envs
         if len(choices) != self.num_envs:
             raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(choices)}")
         return [choice if choice is None else self._chosen_task(choice) for choice in choices]
@@ -228,7 +228,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a new generator, or None to keep the old one."""
-        if is_list(seed):
+        if _is_list(seed):
             seed = cast("Sequence[int | None]", seed)
             if len(seed) != self.num_envs:
                 raise ValueError(
@@ -367,7 +367,7 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
         return int(buffers.action[env_id]), Transition(state, self.dynamics.step_results[result], invalid)
 
-    def _last_observation(self, env_id: int) -> Observation | dict[str, Any]:
+    def _last_observation(self, env_id: int) -> Observation | AnyDict:
         task = int(self._buffers.last_task[env_id])
         statement, target = self._statements[task], self._targets[task]
         if self._arrays is None:
@@ -560,3 +560,10 @@ def batched(single: spaces.Space[Any], count: int) -> Any:
     for name in ("low", "high", "bounded_below", "bounded_above"):
         setattr(box, name, np.broadcast_to(getattr(box, name), shape))
     return box
+
+
+def _is_list(value: object) -> bool:
+    """Whether `value` is a sequence other than a string, or an array of at least one dimension."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.scene import BOX_COUNT, Item
 from lilgym_mp.scene.appearances import InvalidReason
-from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.scene.render import image_shape
 
 INVALID_REASONS = tuple(InvalidReason)  # in the order of the indices in `Buffers.invalid`
@@ -74,7 +74,7 @@ class Buffers:
     @classmethod
     def new(cls, array_specs: Mapping[str, ArraySpec]) -> Buffers:
         """New arrays of zeros."""
-        arrays: dict[str, Any] = {name: np.zeros(spec.shape, spec.dtype) for name, spec in array_specs.items()}
+        arrays: AnyDict = {name: np.zeros(spec.shape, spec.dtype) for name, spec in array_specs.items()}
         return cls(**arrays)
 
 
@@ -99,9 +99,9 @@ def buffer_specs(
     }
 
 
-def arrays_in(memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> dict[str, Any]:
+def arrays_in(memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> AnyDict:
     """Arrays one after another in `memory`, which has as many bytes as they take together."""
-    arrays: dict[str, Any] = {}
+    arrays: AnyDict = {}
     offset = 0
     for name, spec in array_specs.items():
         arrays[name] = np.frombuffer(memory, spec.dtype, math.prod(spec.shape), offset).reshape(spec.shape)

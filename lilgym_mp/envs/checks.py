@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-
-from lilgym_mp.scene.choices import checked_count as checked_count
 
 
 def check_open(*, closed: bool) -> None:
@@ -43,10 +41,3 @@ def checked_flag(name: str, value: object) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} must be True or False, not {value!r}")
     return bool(value)
-
-
-def is_list(value: object) -> bool:
-    """Whether `value` is a sequence other than a string, or an array of at least one dimension."""
-    if isinstance(value, np.ndarray):
-        return value.ndim > 0
-    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

@@ -5,10 +5,10 @@ It is the same in one process and in many: an environment's results depend only 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -16,17 +16,17 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
-from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.config import SingleConfig
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.observation import FORMS, item_capacity
 from lilgym_mp.envs.rules import ActionStatus, State
 from lilgym_mp.envs.sampling import checked_task, next_draws
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.arrays import Int64Array
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array, Rng
+from lilgym_mp.scene.choices import checked_count, choose
 
-AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
+AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action
 
 
@@ -73,8 +73,8 @@ class EnvSnapshot(NamedTuple):
     """One environment of a batch at one time. Picklable."""
 
     state: State
-    row: Mapping[str, Any]  # of SAVED
-    generator: np.random.Generator | None
+    row: AnyMapping  # of SAVED
+    generator: Rng | None
     drawn: tuple[int, ...]
     episodes: int
     repeats: bool
@@ -116,11 +116,11 @@ class Engine:
         self._identity = settings.identity()
         count = len(buffers.action)
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
-        self._generators: list[np.random.Generator | None] = [None] * count
+        self._generators: list[Rng | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
         self._episodes = np.zeros(count, np.int64)  # number of tasks started in the evaluation
-        self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
-        self._use_second = np.zeros(count, np.bool_)  # which of its two indices an environment uses next for a new task
+        self._repeats = np.zeros(count, bool)  # whether the current episode's task was evaluated before
+        self._use_second = np.zeros(count, bool)  # which of its two indices an environment uses next for a new task
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks; all environments must be reset next."""

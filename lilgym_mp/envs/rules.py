@@ -79,7 +79,7 @@ _RELEASE = RuleSet(
     truncates_last_stop=True,
 )
 
-RULE_SETS: Mapping[str, RuleSet] = {rules.name: rules for rules in (_PAPER, _RELEASE)}
+RULE_SETS = {rules.name: rules for rules in (_PAPER, _RELEASE)}
 
 
 class ActionStatus(IntEnum):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, SupportsFloat, cast
 
 import gymnasium as gym
@@ -28,7 +28,7 @@ from lilgym_mp.envs.sampling import check_statement, checked_task, next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import checked_index
-from lilgym_mp.scene.arrays import BoolArray, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Rng, UInt8Array
 from lilgym_mp.scene.render.canvas import Canvas
 
 
@@ -46,7 +46,7 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
     Source: Wu et al. 2023, section 4.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+    metadata: AnyDict = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(
         self,
@@ -88,11 +88,11 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         self.sampler = config.sampler
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
-        self._draws_by: np.random.Generator | None = None  # the generator that drew them
+        self._draws_by: Rng | None = None  # the generator that drew them
         self._is_seeded = False  # whether a reset has been given a seed
         self._process = os.getpid()  # that drew the tasks
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> AnyDict:
         """Copies of an environment that was never seeded draw tasks on their own."""
         state = vars(self).copy()
         if self._draws_on_its_own():
@@ -103,9 +103,7 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         """Whether a copy of this environment, or a forked one, is to draw other tasks."""
         return not self._is_seeded and self._np_random_seed != -1  # Gymnasium's seed of a generator that was set
 
-    def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: AnyMapping | None = None) -> tuple[Observation, AnyDict]:
         """Starts an episode, by default of a uniformly drawn task.
 
         Args:
@@ -154,7 +152,7 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
             self._draws, self._draws_by = next_draws(generator, len(self.tasks)), generator
         return self.tasks[self._draws.pop()]
 
-    def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, AnyDict]:
         """Takes one action.
 
         Args:

@@ -171,7 +171,8 @@ class _Worker:
 
     def _exit_message(self) -> str:
         self.process.join(JOIN_SECONDS)
-        code, part = self.process.exitcode, self.own.part
+        code = self.process.exitcode
+        part = self.own.part
         how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with exit code {code}"
         return f"{self.own.name} (environments {part.start} to {part.stop - 1}) died {how}"
 

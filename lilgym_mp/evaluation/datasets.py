@@ -36,6 +36,7 @@ from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX, write_atomically
 from lilgym_mp.evaluation.runs import play_steps
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
@@ -47,6 +48,8 @@ FORMS = (IMAGE, STRUCTURED, TEXT, TOKENS)  # of observations
 EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data set names
 DECIMALS = 6  # of returns, which sums of rewards have not exactly
 SQLITE_MAGIC = b"SQLite format 3\0"
+
+GymEnv = gym.Env[Any, Any]
 
 
 class DatasetError(ValueError):
@@ -65,8 +68,8 @@ class Source(NamedTuple):
 class Rollout(NamedTuple):
     """An episode of T actions with its observations."""
 
-    episode: Mapping[str, Any]  # fields with a value for the episode
-    steps: Mapping[str, Any]  # fields with a value for each of the T actions, as arrays or lists
+    episode: AnyMapping  # fields with a value for the episode
+    steps: AnyMapping  # fields with a value for each of the T actions, as arrays or lists
     observations: Sequence[Any]  # T + 1, in the environment's own form
 
 
@@ -142,13 +145,13 @@ def common_settings(sources: Sequence[Source]) -> EnvConfig:
     return first
 
 
-def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[str, gym.Env[Any, Any]]:
+def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[str, GymEnv]:
     """Environments by split, of `splits` and dev if it has tasks; their observations are in one of FORMS and one space.
 
     Raises ValueError for another form.
     """
     observation = choose("observation", form, {IMAGE: TEXT, TEXT: TEXT, STRUCTURED: ARRAYS, TOKENS: ARRAYS})
-    envs: dict[str, gym.Env[Any, Any]] = {}
+    envs: dict[str, GymEnv] = {}
     for split in dict.fromkeys((*splits, EVALUATION_SPLIT)):
         try:
             envs[split] = gym.make(settings.id, observation=observation, **settings.arguments(split))
@@ -165,7 +168,7 @@ def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[
 
 def rollouts(
     sources: Sequence[Source],
-    envs: Mapping[str, gym.Env[Any, Any]],
+    envs: Mapping[str, GymEnv],
     on_episode: Callable[[], object] = lambda: None,
     *,
     returns_to_go: bool = False,
@@ -184,15 +187,15 @@ def rollouts(
             on_episode()
 
 
-def _rollout(
-    source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
-) -> Rollout:
+def _rollout(source: Source, episode: Episode, env: GymEnv, solver: Solver | None, *, returns_to_go: bool) -> Rollout:
     base: Any = env.unwrapped
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
     left = iter(actions)
-    observations, legal, states = [], [], []
+    observations = []
+    legal = []
+    states = []
 
-    def choose(observation: Any, info: dict[str, Any]) -> int | None:
+    def choose(observation: Any, info: AnyDict) -> int | None:
         observations.append(observation)
         legal.append(action_masks(env))
         states.append(base.state)
@@ -207,7 +210,7 @@ def _rollout(
         )
     observations.append(played[-1].observation)
     _, rewards, terminated, truncated, _ = zip(*played, strict=True)
-    steps: dict[str, Any] = {
+    steps: AnyDict = {
         "action": np.array(actions, np.int64),
         "reward": np.array(rewards, np.float64),
         "terminated": np.array(terminated),
@@ -220,7 +223,7 @@ def _rollout(
         steps["optimal"] = np.zeros_like(steps["legal"])
         for row, found in zip(steps["optimal"], map(solver.optimal_actions, states), strict=True):
             row[list(found.actions)] = True
-    about: dict[str, Any] = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
+    about: AnyDict = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
     about |= {"split": source.split, "agent": source.agent, "outcome": episode.outcome}
     if isinstance(observations[0], str):
         return Rollout(about, {**steps, "text": observations[:-1]}, observations)
@@ -247,7 +250,7 @@ def _suffix(path: Path) -> str:
     return "".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix
 
 
-def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def write_file(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     """Writes a file of the format that its suffix names, one of WRITERS. If writing fails, no file remains.
 
     `about` is stored as JSON in npz and Parquet. Equal rollouts, at least one, give equal bytes.
@@ -255,24 +258,24 @@ def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) 
     write_atomically(path, lambda unfinished: WRITERS[_suffix(path)](unfinished, played, about))
 
 
-def _write_npz(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_npz(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     parts = [(rollout.episode, rollout.steps) for rollout in played]
     episodes, steps = zip(*parts, strict=True)
-    arrays: dict[str, Any] = {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
+    arrays: AnyDict = {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
     arrays |= {name: np.concatenate([one[name] for one in steps]) for name in steps[0]}
     arrays["starts"] = np.cumsum([0, *(len(one["action"]) for one in steps)])  # (N + 1,)
     with path.open("wb") as file:
         np.savez_compressed(file, about=np.array(json.dumps(about, ensure_ascii=False, sort_keys=True)), **arrays)
 
 
-def _write_json_lines(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_json_lines(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     with path.open("wb") as raw, gzip.GzipFile("", "wb", fileobj=raw, mtime=0) if path.suffix == ".gz" else raw as file:
         for rollout in played:
             row = _row(rollout, lambda png: base64.b64encode(png).decode())
             file.write(json.dumps(row, ensure_ascii=False).encode() + b"\n")
 
 
-def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+def _write_parquet(path: Path, played: Iterable[Rollout], about: AnyMapping) -> None:
     import pyarrow
     import pyarrow.parquet
 
@@ -281,9 +284,9 @@ def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, An
     pyarrow.parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
 
 
-def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> dict[str, Any]:
+def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> AnyDict:
     """The fields as lists: sets of actions as indices, images as PNG files."""
-    row: dict[str, Any] = {}
+    row: AnyDict = {}
     for name, value in {**rollout.episode, **rollout.steps}.items():
         if name in ("legal", "optimal"):
             row[name] = [np.flatnonzero(mask).tolist() for mask in value]
@@ -300,7 +303,7 @@ def _png(image: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], Mapping[str, Any]], None]] = {
+WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], AnyMapping], None]] = {
     ".npz": _write_npz,
     ".jsonl": _write_json_lines,
     ".jsonl.gz": _write_json_lines,
@@ -334,10 +337,10 @@ def check_minari(dataset_id: str) -> Path:
 def write_minari(
     dataset_id: str,
     played: Iterable[Rollout],
-    env: gym.Env[Any, Any],
-    eval_env: gym.Env[Any, Any],
+    env: GymEnv,
+    eval_env: GymEnv,
     agent: str,
-    about: Mapping[str, Any],
+    about: AnyMapping,
 ) -> None:
     """Writes a data set to Minari's directory.
 
@@ -381,7 +384,7 @@ def _buffer(rollout: Rollout) -> Any:
     observed = rollout.observations
     steps = rollout.steps
     observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
-    infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
+    infos: AnyDict = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
     for name in {"legal", "optimal", "return_to_go"} & steps.keys():
         infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
     from minari.data_collector import EpisodeBuffer

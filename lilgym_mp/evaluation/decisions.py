@@ -18,7 +18,7 @@ from lilgym_mp.scene.actions import Action, ActionType, describe, named
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.base import action_arrays
 from lilgym_mp.scene.appearances.places import places_of
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float64Array, Int64Array, Strings
 
 MAX_LIKELIEST = 5  # actions and programs recorded per step
 MIN_PROBABILITY = 0.0005  # cells with lower probabilities are not recorded
@@ -42,9 +42,9 @@ class Decision:
     programs: Mapping[str, float] = field(default_factory=dict)  # the most probable programs planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
-    notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
+    notes: Strings = ()  # lines about the statement, such as its unknown words
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """All values in types of JSON; cells as pairs, actions as texts."""
         values = dict(vars(self))
         for name in ("add_cells", "remove_cells"):

@@ -21,6 +21,7 @@ from lilgym_mp.evaluation.policies import ACTION_MODES
 from lilgym_mp.scene import Scene, SceneError
 from lilgym_mp.scene.actions import ActionError, named
 from lilgym_mp.scene.appearances import InvalidReason
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-episodes"
@@ -54,7 +55,7 @@ class Header:
     recipe: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, float] = field(default_factory=dict)  # cost of training: steps, cpu_minutes
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The first line of a file of episodes."""
         return {"format": FORMAT, "version": VERSION, **asdict(self), "settings": self.settings.to_json()}
 

@@ -10,6 +10,7 @@ from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, Stop, describe
+from lilgym_mp.scene.arrays import AnyDict
 
 if TYPE_CHECKING:
     from lilgym_mp.evaluation.decisions import Decision
@@ -99,7 +100,7 @@ class Episode:
         """Number of edits in the expert's solution, None if not asked or unsolved."""
         return None if self.optimal_actions is None else self.optimal_actions - 1
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """A line of a file of episodes; actions are texts."""
         decisions = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
         return {

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
+from lilgym_mp.scene.arrays import AnyMapping
+
 SUFFIX = ".episodes.jsonl.gz"  # of files of recorded episodes
 MAX_NUMBER = 1e15
 LONGEST_SUFFIX = 32
@@ -122,7 +124,7 @@ Record = TypeVar("Record")
 _hints = cache(get_type_hints)
 
 
-def checked(record: Record, hints: Mapping[str, Any] | None = None) -> Record:
+def checked(record: Record, hints: AnyMapping | None = None) -> Record:
     """The dataclass instance itself. Raises ValueError naming a field whose value is not of its type.
 
     Whole numbers must not be negative, and numbers must be finite and no larger than MAX_NUMBER. `hints`: the types of

@@ -19,7 +19,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, batch_actions
-from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE, REJECT, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE, PROPOSER, REJECT, STOP_ACTION, VERIFIER
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.scene import Scene
@@ -31,7 +31,8 @@ from lilgym_mp.solver import Solver
 
 TARGET_ONLY = "target-only"  # the baseline in every evaluation of verifiers
 NOISY_ORACLE = "oracle-10"
-GUIDE, BUILDER = "guide", "builder"
+GUIDE = "guide"
+BUILDER = "builder"
 SILENCED, RANDOM = MESSAGE_CHANGES = ("silenced", "random")
 SCRIPTED_PROPOSERS = ("expert", "expert-deceptive", "helpful", "deceptive", "random", BUILDER)
 
@@ -54,11 +55,12 @@ class ExpertProposer:
         return f"ExpertProposer({'by intent' if self._intent is None else self._intent.name.lower()})"
 
     def __call__(self, turn: PartnerTurn) -> int:
-        state, game = turn.state, turn.game
+        state = turn.state
+        game = turn.game
         first, length = self.plan(state.mdp)
-        claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
+        claim = game.encode_action(PROPOSER, STOP_ACTION)
         is_deceptive = (state.intent if self._intent is None else self._intent) is Intent.DECEPTIVE
-        chosen = game.encode_action(Role.PROPOSER, first)
+        chosen = game.encode_action(PROPOSER, first)
         if is_deceptive and length == 2:
             chosen = claim
         leaves_solution = first == STOP_ACTION and (is_deceptive or not turn.action_mask[claim])
@@ -91,14 +93,16 @@ class Guide(BatchPartner):
 
     def __init__(self, dynamics: Dynamics) -> None:
         """Raises ValueError for an appearance without a solver."""
-        self._dynamics, self._plan = dynamics, ExpertProposer(dynamics).plan
+        self._dynamics = dynamics
+        self._plan = ExpertProposer(dynamics).plan
 
     def __repr__(self) -> str:
         return "Guide()"
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) answers with messages. Raises PartnerError for a game with too few messages."""
-        needed, size = self._dynamics.appearance.action_count, turn.game.message_sizes[Role.VERIFIER]
+        needed = self._dynamics.appearance.action_count
+        size = turn.game.message_sizes[VERIFIER]
         if size < needed:
             raise PartnerError(
                 f"{self!r} needs message_size {needed} for verifier_0, one for each edit and one for STOP; this game"
@@ -107,7 +111,8 @@ class Guide(BatchPartner):
         return np.array([self._answer(turn, index) for index in turn.indices.tolist()], np.int64)
 
     def _answer(self, turn: BatchTurn, index: int) -> int:
-        mdp, proposal = turn.games.mdp(index), int(turn.games.proposals[index])
+        mdp = turn.games.mdp(index)
+        proposal = int(turn.games.proposals[index])
         wanted, _ = self._plan(mdp)
         if turn.game.turn_based:
             accepts = proposal == wanted
@@ -119,7 +124,7 @@ class Guide(BatchPartner):
             action = self._dynamics.appearance.decode(played)
             wanted, _ = self._plan(self._dynamics.step(mdp._replace(steps=0), action).state)
         message = wanted if wanted != STOP_ACTION else self._dynamics.appearance.action_count
-        return turn.game.encode_action(Role.VERIFIER, ACCEPT if accepts else REJECT, message)
+        return turn.game.encode_action(VERIFIER, ACCEPT if accepts else REJECT, message)
 
 
 class Builder(BatchPartner):
@@ -131,12 +136,13 @@ class Builder(BatchPartner):
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) proposals without a message."""
         told = np.array([told_action(turn.games, index) for index in turn.indices.tolist()], np.int64)
-        return turn.game.encode_action(Role.PROPOSER, 1) * told
+        return turn.game.encode_action(PROPOSER, 1) * told
 
 
 def told_action(games: ObservedGames, index: int) -> int:
     """The MDP's action that the verifier's last message names; without one that is legal, the first legal action."""
-    count, message = games.game.dynamics.appearance.action_count, int(games.messages[Role.VERIFIER, index])
+    count = games.game.dynamics.appearance.action_count
+    message = int(games.messages[VERIFIER, index])
     legal = games.legal()[index].copy()
     if not games.game.protocol.proposer_may_stop:
         legal[STOP_ACTION] = False
@@ -157,7 +163,8 @@ class ChangedMessages(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) actions with the partner's choices."""
-        actions, size = batch_actions(self._partner, turn), turn.game.message_sizes[turn.role] + 1
+        actions = batch_actions(self._partner, turn)
+        size = turn.game.message_sizes[turn.role] + 1
         speaks = actions < turn.game.choices[turn.role].stop * size  # not "wait", which has no message
         messages = (turn.uniform() * size).astype(np.int64) if self._change == RANDOM else np.zeros_like(actions)
         return np.where(speaks, actions // size * size + messages, actions)
@@ -184,10 +191,10 @@ class AgentPartner(BatchPartner):
             np.array([state.steps for state in states]),
             turn.episodes,
         )
-        legal = games.legal()[indices] if self._policy.needs_masks else np.zeros((len(states), 0), np.bool_)
+        legal = games.legal()[indices] if self._policy.needs_masks else np.zeros((len(states), 0), bool)
         chosen = self._policy(observations, legal, turn.rngs[0])
-        if turn.role is Role.PROPOSER:
-            actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
+        if turn.role is PROPOSER:
+            actions = turn.game.encode_action(PROPOSER, 1) * chosen
             is_legal = turn.are_legal(actions)
             return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
         return turn.answers(turn.is_edit | (chosen == STOP_ACTION))
@@ -211,15 +218,15 @@ def scripted_verifiers(dynamics: Dynamics) -> Mapping[str, Partner]:
 def scripted_partners(game: GameSettings) -> dict[Role, dict[str, Partner]]:
     """The scripted partners by role and name, without those that need more messages than the game has."""
     dynamics = game.dynamics()
-    known = {Role.PROPOSER: dict(scripted_proposers(dynamics)), Role.VERIFIER: dict(scripted_verifiers(dynamics))}
+    known = {PROPOSER: dict(scripted_proposers(dynamics)), VERIFIER: dict(scripted_verifiers(dynamics))}
     if not can_guide(game):
-        del known[Role.PROPOSER][BUILDER], known[Role.VERIFIER][GUIDE]
+        del known[PROPOSER][BUILDER], known[VERIFIER][GUIDE]
     return known
 
 
 def can_guide(game: GameSettings) -> bool:
     """Whether a game has the messages that a `Guide` needs."""
-    return game.message_sizes()[Role.VERIFIER] >= game.dynamics().appearance.action_count
+    return game.message_sizes()[VERIFIER] >= game.dynamics().appearance.action_count
 
 
 SCRIPTED_VERIFIERS: Mapping[str, Partner] = {

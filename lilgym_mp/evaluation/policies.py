@@ -15,7 +15,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
 from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.appearances.base import action_arrays
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Rng, Strings, UInt8Array, one_hot
 from lilgym_mp.scene.choices import choose
 
 FloatArray = NDArray[np.floating[Any]]
@@ -35,7 +35,7 @@ class Observations(NamedTuple):
     """
 
     images: UInt8Array  # (B, 50, 190, 3)
-    statements: tuple[str, ...]  # B
+    statements: Strings  # B
     targets: Int64Array  # (B,) 1: make the statement true, 0: make it false
     steps: Int64Array  # (B,) steps taken in the episode
     episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
@@ -49,7 +49,7 @@ class PolicyOutput(NamedTuple):
     values: FloatArray | None = None  # (B,) the critic's value estimates
     success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
     programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
-    notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
+    notes: Sequence[Strings] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
 class Policy(ABC):
@@ -60,7 +60,7 @@ class Policy(ABC):
     stop_probabilities: FloatArray | None = None  # (B,) of STOP in the latest call; stored with the episodes
 
     @abstractmethod
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         """(B,) action indices. `legal`: (B, actions) exact masks; `rng` is the only source of randomness."""
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
@@ -73,7 +73,7 @@ class Policy(ABC):
         return None
 
 
-Choose = Callable[[Observations, BoolArray, np.random.Generator], Int64Array]
+Choose = Callable[[Observations, BoolArray, Rng], Int64Array]
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class FunctionPolicy(Policy):
 
     function: Choose
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         return self.function(observations, legal, rng)
 
 
@@ -95,7 +95,7 @@ def as_policy(policy: Policy | Choose) -> Policy:
 class RandomLegal(Policy):
     """Uniform over legal actions."""
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         rank = rng.integers(legal.sum(1))  # rank of the action among the legal ones of its row
         return (legal.cumsum(1) > rank[:, None]).argmax(1)
 
@@ -117,7 +117,7 @@ class RandomType(Policy):
         types = action_arrays(settings.dynamics().appearance)[:, 0]
         self._indices = [np.flatnonzero(types == action_type) for action_type in ActionType]  # of the actions, by type
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         types = rng.integers(len(ActionType), size=len(observations.statements))
         indices = [self._indices[action_type] for action_type in types.tolist()]
         return np.array([actions[rng.integers(len(actions))] for actions in indices], np.int64)
@@ -136,7 +136,7 @@ class ExpertPolicy(Policy):
         self._solver = Solver(self._dynamics)
         self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         chosen: list[int] = []
         for episode, state in zip(observations.episodes.tolist(), observations.states, strict=True):
             plan = self._plans.pop(episode, ()) if state.steps else ()
@@ -159,15 +159,15 @@ class NamedPolicy:
     name: str
     policy: Callable[[EnvConfig], Policy]
     supervision: str = NO_SUPERVISION  # training data, for result tables
-    configurations: tuple[str, ...] = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
+    configurations: Strings = field(default_factory=lambda: tuple(CONFIGURATIONS))  # that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
-    details: Mapping[str, Any] = field(default_factory=dict)  # further details needed to reproduce it
+    details: AnyMapping = field(default_factory=dict)  # further details needed to reproduce it
 
 
 _SAMPLED = {"actions": "sampled"}
 
 # By name on the command line.
-BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
+BUILT_IN_POLICIES = {
     "expert": NamedPolicy("expert", ExpertPolicy, "knows the rules, the scene and the program"),
     "random-legal": NamedPolicy("random legal", lambda settings: random_legal, details=_SAMPLED),
     "random-unmasked": NamedPolicy("random unmasked", lambda settings: random_unmasked, mask=False, details=_SAMPLED),

@@ -13,17 +13,17 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, write_json
+from lilgym_mp.scene.arrays import AnyDict
 
 METADATA_SUFFIX = ".metadata.json"
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
 
 
-def metadata(argv: Sequence[str]) -> dict[str, Any]:
+def metadata(argv: Sequence[str]) -> AnyDict:
     """Metadata of what this process makes now; `argv`: command line without the program's name.
 
     The date is in UTC, the commit None for an installed package.
@@ -42,7 +42,7 @@ def write_metadata(recording: Path, argv: Sequence[str]) -> None:
     write_json(_file(recording), metadata(argv))
 
 
-def read_metadata(recording: Path) -> dict[str, Any]:
+def read_metadata(recording: Path) -> AnyDict:
     """The recording's metadata, empty if there is no such file. Raises EpisodesError for a damaged one."""
     file = _file(recording)
     try:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from shutil import get_terminal_size
 from textwrap import fill
-from typing import Any
 
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.results import Result, SuccessCount, rounded
 from lilgym_mp.evaluation.terminal import NUMBER, table
+from lilgym_mp.scene.arrays import AnyDict, Strings
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
@@ -64,7 +64,7 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
     return "\n\n".join([*parts, "\n".join(notes[:-1]), notes[-1]])
 
 
-def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
+def _row(result: Result, *, seen: bool) -> Strings:
     summary = result.summary
     failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (
@@ -97,7 +97,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"|{'|'.join(line)}|" for line in zip(*columns, strict=True))
 
 
-def results_json(results: Sequence[Result]) -> dict[str, Any]:
+def results_json(results: Sequence[Result]) -> AnyDict:
     """The settings, software versions and tasks of evaluations, and one row per result."""
     return {
         "format": FORMAT,

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass
 from decimal import ROUND_HALF_UP, Decimal
-from typing import Any
 
 from lilgym_mp.corpus import CorpusError, NoTasksError, contexts, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
 from lilgym_mp.evaluation.policies import NamedPolicy, as_policy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, evaluate
+from lilgym_mp.scene.arrays import AnyDict
 
 TRAINING_SPLIT = "train"
 
@@ -117,7 +117,7 @@ class EvaluationPlan:
         """Number of episodes per policy."""
         return len(self.settings.tasks(self.split)) * self.passes
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The plan with the provenance of the tasks, and the numbers of start scenes and contexts."""
         tasks = self.settings.tasks(self.split)
         return {
@@ -146,9 +146,11 @@ class Result:
         """Name of the policy in tables."""
         return self.named.name
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The result as one row of a file; accuracies from 0 to 1, None if there are no episodes."""
-        summary, plan, settings = self.summary, self.plan, self.plan.settings
+        summary = self.summary
+        plan = self.plan
+        settings = self.plan.settings
         return {
             "agent": self.name,
             "configuration": settings.configuration,

@@ -20,7 +20,7 @@ from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array, Rng
 
 if TYPE_CHECKING:
     from lilgym_mp.evaluation.decisions import Decision
@@ -75,7 +75,7 @@ def play_tasks(
     policy: Policy,
     envs: BatchedEnv,
     tasks: Sequence[str | Task],
-    rng: np.random.Generator,
+    rng: Rng,
     *,
     record_decisions: bool = False,
     on_episode: Callable[[Episode], object] = lambda episode: None,
@@ -86,7 +86,7 @@ def play_tasks(
     """
     told: dict[int, list[tuple[float | None, Decision | None]]] = defaultdict(list)  # at each step, by episode
 
-    def choose(observations: dict[str, Any], playing: Int64Array) -> Int64Array:
+    def choose(observations: AnyDict, playing: Int64Array) -> Int64Array:
         active = np.flatnonzero(playing != IDLE)
         env_ids = active.tolist()
         states = envs.states() if policy.needs_states else []
@@ -98,7 +98,7 @@ def play_tasks(
             playing[active],
             [states[env_id] for env_id in env_ids] if states else (),
         )
-        legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), np.bool_)
+        legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), bool)
         actions = np.zeros(len(playing), np.int64)
         actions[active] = checked_actions(policy(inputs, legal, rng), len(active))
         made: Sequence[Decision | None] = [None] * len(active)
@@ -128,7 +128,7 @@ class TakenActions(VectorWrapper):  # pyright: ignore[reportMissingTypeArgument]
 
     taken: Any  # (N,)
     ended: BoolArray  # (N,)
-    infos: dict[str, Any]
+    infos: AnyDict
 
     def step(self, actions: Any) -> Any:
         self.taken = np.array(actions)
@@ -189,11 +189,11 @@ class Step(NamedTuple):
     reward: SupportsFloat
     terminated: bool
     truncated: bool
-    info: dict[str, Any]
+    info: AnyDict
 
 
 def play_steps(
-    env: gym.Env[Any, Any], begun: tuple[Any, dict[str, Any]], choose: Callable[[Any, dict[str, Any]], Any]
+    env: gym.Env[Any, Any], begun: tuple[Any, AnyDict], choose: Callable[[Any, AnyDict], Any]
 ) -> Iterator[Step]:
     """Plays the episode that `env` has just begun to its end, or until there is no action.
 

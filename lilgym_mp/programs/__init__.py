@@ -1,6 +1,6 @@
 """The program language: the meaning of a statement as one expression over the boxes and items of a scene."""
 
-from lilgym_mp.programs.compiler import Program, bounded_truths, compile_program, explain_program
+from lilgym_mp.programs.compiler import Program, compile_program
 from lilgym_mp.programs.errors import Position, ProgramError, ProgramRuntimeError, StepLimitError
 from lilgym_mp.submodules import submodule_getter
 
@@ -10,9 +10,7 @@ __all__ = [
     "ProgramError",
     "ProgramRuntimeError",
     "StepLimitError",
-    "bounded_truths",
     "compile_program",
-    "explain_program",
 ]
 
 __getattr__ = submodule_getter(__name__)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from functools import lru_cache
 from typing import Any
 
-from lilgym_mp.programs import costs
-from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError, StepLimitError
-from lilgym_mp.programs.syntax import Node, own_size, parse, word_names
+from lilgym_mp.programs.errors import FallbackError, ProgramRuntimeError
+from lilgym_mp.programs.syntax import Node, parse
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
@@ -157,52 +156,6 @@ def compile_program(source: str) -> Program:
 
 
 _compiled = lru_cache(maxsize=CACHE_SIZE)(Program)
-
-
-def bounded_truths(source: str, scenes: Sequence[Scene], *, step_limit: int = costs.BOUNDED_STEPS) -> list[bool | None]:
-    """The truth values of a program of unknown origin, None where it has none, within a total time.
-
-    Compiling nothing and caching nothing, it takes at most about 40 milliseconds with the default limit on the steps of
-    all evaluations together. Raises ProgramError when `source` is not a valid program, StepLimitError beyond the limit.
-    """
-    from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
-
-    closure = build_closure(tree := parse(source))
-    size = own_size(tree)
-    truths: list[bool | None] = []
-    steps_left = step_limit
-    for scene in scenes:
-        evaluation = Evaluation(scene, steps_left)
-        try:
-            evaluation.charge(size)
-            truths.append(evaluate(closure, evaluation))
-        except StepLimitError:
-            raise StepLimitError(f"the program needs more than {step_limit} steps on {len(scenes)} scenes") from None
-        except ProgramRuntimeError:
-            truths.append(None)
-        steps_left = evaluation.steps_left
-    return truths
-
-
-def explain_program(source: str) -> str:
-    """Human-readable text about a program, valid or not.
-
-    Args:
-        source: The program's text.
-
-    Returns:
-        The error in the source, or the words it uses and its value on the empty scene.
-    """
-    try:
-        program = compile_program(source)
-    except ProgramError as fault:
-        return f"invalid program: {fault.explain()}"
-    try:
-        value = str(program.evaluate(Scene.empty()))
-    except ProgramRuntimeError as fault:
-        value = f"no value ({fault})"
-    words = ", ".join(sorted(word_names(program.tree))) or "none"
-    return f"valid program\nwords: {words}\non the empty scene: {value}"
 
 
 def forget_programs(memo: dict[Hashable, Any]) -> None:

@@ -9,9 +9,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 
-from lilgym_mp.programs import syntax
 from lilgym_mp.programs.canonical import VARIABLES, variable_name
 from lilgym_mp.programs.printing import source_of
+from lilgym_mp.programs.syntax import (
+    ATTRIBUTES,
+    METHODS,
+    SCENE_NAMES,
+    Arithmetic,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Subscript,
+    Variable,
+    call,
+    children,
+    with_children,
+)
 from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS
 
@@ -20,7 +39,7 @@ MAX_DISPLAY = 4  # elements of a list or set display
 COMPARISONS = ("==", "!=", "<", "<=", ">", ">=", "in", "not in")
 OPERATORS = ("+", "%")
 CONNECTIVES = ("and", "or")
-PART = syntax.Variable("_")  # stands for a child
+PART = Variable("_")  # stands for a child
 
 
 class PrefixError(ValueError):
@@ -28,46 +47,46 @@ class PrefixError(ValueError):
 
 
 @cache
-def _nodes() -> Mapping[str, syntax.Node]:
+def _nodes() -> Mapping[str, Node]:
     """Every token, in a fixed order, with the node that it encodes, each child of which is PART."""
-    nodes: dict[str, syntax.Node] = {name: syntax.SceneName(name) for name in syntax.SCENE_NAMES}
-    nodes |= {f"v{depth}": syntax.Variable(name) for depth, name in enumerate(VARIABLES)}
-    nodes |= {f"#{number}": syntax.Constant(number) for number in range(MAX_NUMBER + 1)}
-    nodes |= {"True": syntax.Constant(True), "False": syntax.Constant(False)}
-    nodes |= {"lambda": syntax.Lambda("", PART), "not": syntax.Not(PART), "[]": syntax.Subscript(PART, PART)}
-    nodes |= {str(member): syntax.Constant(member) for kind in ENUMS.values() for member in kind}
-    nodes |= {f".{name}": syntax.Member(PART, name, called=False) for name in syntax.ATTRIBUTES}
-    nodes |= {f".{name}()": syntax.Member(PART, name, called=True) for name in syntax.METHODS}
-    nodes |= {name: syntax.Logic(name, (PART, PART)) for name in CONNECTIVES}
-    nodes |= {name: syntax.Arithmetic(name, PART, PART) for name in OPERATORS}
-    nodes |= {name: syntax.Comparison(PART, (name,), (PART,)) for name in COMPARISONS}
+    nodes: dict[str, Node] = {name: SceneName(name) for name in SCENE_NAMES}
+    nodes |= {f"v{depth}": Variable(name) for depth, name in enumerate(VARIABLES)}
+    nodes |= {f"#{number}": Constant(number) for number in range(MAX_NUMBER + 1)}
+    nodes |= {"True": Constant(True), "False": Constant(False)}
+    nodes |= {"lambda": Lambda("", PART), "not": Not(PART), "[]": Subscript(PART, PART)}
+    nodes |= {str(member): Constant(member) for kind in ENUMS.values() for member in kind}
+    nodes |= {f".{name}": Member(PART, name, called=False) for name in ATTRIBUTES}
+    nodes |= {f".{name}()": Member(PART, name, called=True) for name in METHODS}
+    nodes |= {name: Logic(name, (PART, PART)) for name in CONNECTIVES}
+    nodes |= {name: Arithmetic(name, PART, PART) for name in OPERATORS}
+    nodes |= {name: Comparison(PART, (name,), (PART,)) for name in COMPARISONS}
     kinds: Sequence[type[list[object]] | type[set[object]]] = (list, set)
     for kind in kinds:
-        nodes |= {f"{kind.__name__}/{n}": syntax.Display(kind, (PART,) * n) for n in range(1, MAX_DISPLAY + 1)}
+        nodes |= {f"{kind.__name__}/{n}": Display(kind, (PART,) * n) for n in range(1, MAX_DISPLAY + 1)}
     for word in WORDS.values():
         least = sum(not parameter.optional for parameter in word.parameters)
         counts = range(least, len(word.parameters) + 1)
-        nodes |= {f"{word.name}({count})": syntax.call(word, *[PART] * count) for count in counts}
+        nodes |= {f"{word.name}({count})": call(word, *[PART] * count) for count in counts}
     return nodes
 
 
 @cache
-def _tokens_by_node() -> Mapping[syntax.Node, str]:
+def _tokens_by_node() -> Mapping[Node, str]:
     return {node: token for token, node in _nodes().items()}
 
 
 @cache
 def token_arities() -> Mapping[str, int]:
     """Every token, in a fixed order, with its arity."""
-    return {token: sum(1 for _ in syntax.children(node)) for token, node in _nodes().items()}
+    return {token: sum(1 for _ in children(node)) for token, node in _nodes().items()}
 
 
-def prefix_tokens(node: syntax.Node) -> list[str]:
+def prefix_tokens(node: Node) -> list[str]:
     """The tokens of a canonical tree. Raises PrefixError for constructs without tokens, such as slices."""
     return list(_tokens(node))
 
 
-def tree_from_tokens(tokens: Sequence[str]) -> syntax.Node:
+def tree_from_tokens(tokens: Sequence[str]) -> Node:
     """The tree that the tokens encode. Raises PrefixError for unknown, missing or surplus tokens."""
     remaining = iter(tokens)
     node = _tree(remaining, 0)
@@ -76,9 +95,9 @@ def tree_from_tokens(tokens: Sequence[str]) -> syntax.Node:
     return node
 
 
-def _tokens(node: syntax.Node) -> Iterator[str]:
-    parts = list(syntax.children(node))
-    if isinstance(node, syntax.Logic):
+def _tokens(node: Node) -> Iterator[str]:
+    parts = list(children(node))
+    if isinstance(node, Logic):
         for part in parts[:-1]:
             yield node.operator
             yield from _tokens(part)
@@ -92,17 +111,17 @@ def _tokens(node: syntax.Node) -> Iterator[str]:
         yield from _tokens(part)
 
 
-def _token(node: syntax.Node) -> str | None:
+def _token(node: Node) -> str | None:
     match node:
-        case syntax.Constant(value=value):
+        case Constant(value=value):
             return f"#{value}" if type(value) is int else str(value)
-        case syntax.Lambda():
+        case Lambda():
             return "lambda"
         case _:
-            return _tokens_by_node().get(syntax.with_children(node, lambda part: PART))
+            return _tokens_by_node().get(with_children(node, lambda part: PART))
 
 
-def _tree(tokens: Iterator[str], depth: int) -> syntax.Node:
+def _tree(tokens: Iterator[str], depth: int) -> Node:
     """Parses a subtree inside `depth` lambdas."""
     token = next(tokens, None)
     if token is None:
@@ -110,16 +129,16 @@ def _tree(tokens: Iterator[str], depth: int) -> syntax.Node:
     if token not in _nodes():
         raise PrefixError(f"unknown token {token!r}")
     match _nodes()[token]:
-        case syntax.Variable(name=name):
+        case Variable(name=name):
             if VARIABLES.index(name) >= depth:
                 raise PrefixError(f"variable {token} is used inside only {depth} lambdas")
-            return syntax.Variable(name)
-        case syntax.Lambda():
-            return syntax.Lambda(variable_name(depth), _tree(tokens, depth + 1))
+            return Variable(name)
+        case Lambda():
+            return Lambda(variable_name(depth), _tree(tokens, depth + 1))
         case node:
-            tree = syntax.with_children(node, lambda part: _tree(tokens, depth))
+            tree = with_children(node, lambda part: _tree(tokens, depth))
     match tree:
-        case syntax.Logic(operands=(first, syntax.Logic(operator=operator, operands=others))) if operator == token:
-            return syntax.Logic(token, (first, *others))  # tokens nest a chain to the right
+        case Logic(operands=(first, Logic(operator=operator, operands=others))) if operator == token:
+            return Logic(token, (first, *others))  # tokens nest a chain to the right
         case _:
             return tree

@@ -15,6 +15,7 @@ from lilgym_mp.programs.errors import ProgramRuntimeError, StepLimitError
 from lilgym_mp.programs.values import BoxView, Color, ItemView, SceneView, Shape, Side, Size
 from lilgym_mp.programs.words import FunctionValue, Word, describe
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import AnyDict
 
 _SETS = (set, frozenset)
 _CONTAINERS = frozenset({list, tuple, *_SETS})
@@ -107,7 +108,7 @@ class Evaluation:
             raise ProgramRuntimeError(f"functions call each other more than {costs.CALL_LIMIT} deep")
 
 
-Variables = dict[str, Any]
+Variables = AnyDict
 Closure = Callable[[Evaluation, Variables], Any]
 
 

@@ -11,7 +11,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from lilgym_mp.programs import syntax
+from lilgym_mp.programs.syntax import (
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    as_lambda,
+    children,
+)
 from lilgym_mp.programs.words import Parameter, Word
 from lilgym_mp.scene import BOX_COUNT
 
@@ -34,33 +52,33 @@ _COLLECTIONS = ("collection", "collection of collections")  # parameters whose e
 _METHODS: Mapping[str, Type] = {"is_tower": BOOL, "all_items_in_box": ITEMS}
 
 
-def type_of(node: syntax.Node, scope: Scope) -> Type:
+def type_of(node: Node, scope: Scope) -> Type:
     """The type of a node's value, given those of the variables; UNKNOWN where it cannot be told beforehand."""
     match node:
-        case syntax.Constant(value=value):
+        case Constant(value=value):
             return type(value).__name__
-        case syntax.SceneName(name=name):
+        case SceneName(name=name):
             return ITEMS if name == "all_items" else BOXES
-        case syntax.Variable(name=name):
+        case Variable(name=name):
             return scope.get(name, UNKNOWN)
-        case syntax.Lambda() | syntax.WordName():
+        case Lambda() | WordName():
             return "function"
-        case syntax.Not() | syntax.Comparison():
+        case Not() | Comparison():
             return BOOL
-        case syntax.Logic(operands=operands):
+        case Logic(operands=operands):
             return _common(type_of(operand, scope) for operand in operands)
-        case syntax.Member(name=name, called=called):
+        case Member(name=name, called=called):
             return (_METHODS if called else _MEMBERS).get(name, UNKNOWN)
-        case syntax.Arithmetic(left=left, right=right):
+        case Arithmetic(left=left, right=right):
             sides = _common((type_of(left, scope), type_of(right, scope)))
             return sides if sides == INT or isinstance(sides, Many) else UNKNOWN
-        case syntax.Subscript(of=of):
+        case Subscript(of=of):
             return element_of(type_of(of, scope))
-        case syntax.Slice(of=of):
+        case Slice(of=of):
             return Many(element_of(type_of(of, scope)))
-        case syntax.Display(elements=elements):
+        case Display(elements=elements):
             return Many(_common(type_of(element, scope) for element in elements))
-        case syntax.Call(word=word, arguments=arguments):
+        case Call(word=word, arguments=arguments):
             return _result_type(word, [_argument_type(argument, scope) for argument in arguments])
 
 
@@ -71,56 +89,56 @@ def element_of(collection: Type) -> Type:
     return ITEM if collection == BOX else UNKNOWN
 
 
-def is_well_typed(tree: syntax.Node) -> bool:
+def is_well_typed(tree: Node) -> bool:
     """Whether a program is of type bool, and its words and operators have operands of types that they accept."""
     return type_of(tree, {}) == BOOL and not may_fail(tree, {}, by_type=True)
 
 
-def may_fail(node: syntax.Node, scope: Scope, *, by_type: bool = False) -> bool:
+def may_fail(node: Node, scope: Scope, *, by_type: bool = False) -> bool:
     """Whether evaluating the node might raise an error on some scene.
 
     With `by_type`, only because of operands' types, which for `==` and `!=` must be equal.
     """
     match node:
-        case syntax.Call(word=word, arguments=arguments):
+        case Call(word=word, arguments=arguments):
             return _call_may_fail(word, arguments, scope, by_type=by_type)
-        case syntax.Lambda():
+        case Lambda():
             return False  # until it is called
-        case syntax.Subscript(of=syntax.SceneName(name="all_boxes"), index=syntax.Constant(value=int() as index)):
+        case Subscript(of=SceneName(name="all_boxes"), index=Constant(value=int() as index)):
             return type(index) is bool or index >= BOX_COUNT
-        case syntax.Subscript() | syntax.Slice() if not by_type:
+        case Subscript() | Slice() if not by_type:
             return True
-        case _ if any(may_fail(child, scope, by_type=by_type) for child in syntax.children(node)):
+        case _ if any(may_fail(child, scope, by_type=by_type) for child in children(node)):
             return True
-        case syntax.Subscript(of=of) | syntax.Slice(of=of):
+        case Subscript(of=of) | Slice(of=of):
             return not _accepts("collection", type_of(of, scope))
-        case syntax.Member(of=of, name=name):
+        case Member(of=of, name=name):
             return type_of(of, scope) != (BOX if name in _METHODS else ITEM)
-        case syntax.Comparison(left=left, operators=operators, rights=rights):
+        case Comparison(left=left, operators=operators, rights=rights):
             types = [type_of(part, scope) for part in (left, *rights)]
             if by_type and {*operators} & {"==", "!="} and len({*types}) > 1 and not {*types} <= {INT, BOOL}:
                 return True
             return any(map(_comparison_may_fail, operators, types[:-1], types[1:]))
-        case syntax.Arithmetic() if by_type:
+        case Arithmetic() if by_type:
             return type_of(node, scope) == UNKNOWN
-        case syntax.Arithmetic(operator=operator, left=left, right=right):
+        case Arithmetic(operator=operator, left=left, right=right):
             ints = type_of(left, scope) == type_of(right, scope) == INT
-            return not ints or (operator == "%" and (not isinstance(right, syntax.Constant) or right.value == 0))
-        case syntax.Display(kind=kind, elements=elements):
+            return not ints or (operator == "%" and (not isinstance(right, Constant) or right.value == 0))
+        case Display(kind=kind, elements=elements):
             return kind is set and not all(is_hashable(type_of(element, scope)) for element in elements)
         case _:
             return False
 
 
-def function_may_fail(function: syntax.Node, element: Type, scope: Scope, *, by_type: bool = False) -> bool:
+def function_may_fail(function: Node, element: Type, scope: Scope, *, by_type: bool = False) -> bool:
     """Whether calling a lambda or word with a value of type `element` might raise an error."""
-    called = syntax.as_lambda(function, "")
+    called = as_lambda(function, "")
     return called is None or may_fail(called.body, {**scope, called.parameter: element}, by_type=by_type)
 
 
-def _suits(word: Word, function: syntax.Node, element: Type, scope: Scope) -> bool:
+def _suits(word: Word, function: Node, element: Type, scope: Scope) -> bool:
     """Whether a word has a use for what a function returns for values of type `element`."""
-    called = syntax.as_lambda(function, "")
+    called = as_lambda(function, "")
     if called is None:
         return False
     inner = {**scope, called.parameter: element}
@@ -128,9 +146,9 @@ def _suits(word: Word, function: syntax.Node, element: Type, scope: Scope) -> bo
     return type_of(called.body, inner) == BOOL if is_strict else _has_truth(called.body, inner)
 
 
-def _has_truth(node: syntax.Node, scope: Scope) -> bool:
+def _has_truth(node: Node, scope: Scope) -> bool:
     """Whether a condition is true or false by the types of its parts, which may differ."""
-    if isinstance(node, syntax.Logic):
+    if isinstance(node, Logic):
         return all(_has_truth(operand, scope) for operand in node.operands)
     return type_of(node, scope) not in ("function", "Side", UNKNOWN)
 
@@ -146,7 +164,7 @@ def _common(types: Iterable[Type]) -> Type:
     return distinct.pop() if len(distinct) == 1 else UNKNOWN
 
 
-def _argument_type(argument: syntax.Node | None, scope: Scope) -> Type:
+def _argument_type(argument: Node | None, scope: Scope) -> Type:
     return UNKNOWN if argument is None else type_of(argument, scope)
 
 
@@ -172,7 +190,7 @@ def _declared(result: str, value: Type) -> Type:
     return value if result == UNKNOWN else result
 
 
-def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: Scope, *, by_type: bool) -> bool:
+def _call_may_fail(word: Word, arguments: Sequence[Node | None], scope: Scope, *, by_type: bool) -> bool:
     required = [parameter for parameter in word.parameters if not parameter.optional]
     if None in arguments[: len(required)] or (not by_type and (word.is_extension or word.fails_on == "some values")):
         return True

@@ -12,7 +12,7 @@ from typing import Any, Protocol, cast
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
-_KEYS: Mapping[str, type] = {"id": str, "statement": str, "program": str, "target": bool}  # fields before `start`
+_KEYS = {"id": str, "statement": str, "program": str, "target": bool}  # fields before `start`
 
 
 class Goal(Protocol):

@@ -5,10 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
-from lilgym_mp.programs import syntax
-from lilgym_mp.programs.errors import ProgramRuntimeError
+from lilgym_mp.programs.compiler import compile_program
+from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.reference import Evaluation, build_closure
+from lilgym_mp.programs.syntax import (
+    Call,
+    Constant,
+    Lambda,
+    Node,
+    SceneName,
+    WordName,
+    children,
+    free_variables,
+    own_size,
+    parse,
+    word_names,
+)
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import elements
 from lilgym_mp.scene import BOX_PITCH, Item, Scene, Shape, Size
@@ -37,37 +50,35 @@ def trace(source: str, scene: Scene, step_limit: int | None = None) -> list[Trac
 
     `step_limit`: of all evaluations together, as in `Program.evaluate`. Parts evaluated beyond it have no value.
     """
-    return list(_entries(syntax.parse(source), Evaluation(scene, step_limit), 0))
+    return list(_entries(parse(source), Evaluation(scene, step_limit), 0))
 
 
-def _begin(node: syntax.Node, evaluation: Evaluation) -> None:
+def _begin(node: Node, evaluation: Evaluation) -> None:
     """Charges for an evaluation of the node; the last one may have ended with an error."""
     evaluation.held = evaluation.call_depth = 0
-    evaluation.charge(syntax.own_size(node))
+    evaluation.charge(own_size(node))
 
 
-def _entries(node: syntax.Node, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
-    is_trivial = isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda)
-    if is_trivial or syntax.free_variables(node):
+def _entries(node: Node, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
+    is_trivial = isinstance(node, Constant | SceneName | WordName | Lambda)
+    if is_trivial or free_variables(node):
         return
     yield TraceEntry(depth, source_of(node), *_value(node, evaluation))
-    if isinstance(node, syntax.Call):
+    if isinstance(node, Call):
         yield from _conditions(node, evaluation, depth + 1)
-    for child in syntax.children(node):
+    for child in children(node):
         yield from _entries(child, evaluation, depth + 1)
 
 
-def _conditions(call: syntax.Call, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
+def _conditions(call: Call, evaluation: Evaluation, depth: int) -> Iterator[TraceEntry]:
     """An entry per lambda argument of a closed call: the elements of the first argument that satisfy it."""
     collection, *others = call.arguments
     for other in others:
-        if collection and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
+        if collection and isinstance(other, Lambda) and not free_variables(other):
             yield TraceEntry(depth, source_of(other), *_satisfied_by(collection, other, evaluation))
 
 
-def _satisfied_by(
-    tested: syntax.Node, condition: syntax.Lambda, evaluation: Evaluation
-) -> tuple[str, tuple[ItemIndex, ...]]:
+def _satisfied_by(tested: Node, condition: Lambda, evaluation: Evaluation) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
         _begin(condition, evaluation)
         collection = build_closure(tested)(evaluation, {})
@@ -85,7 +96,7 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: syntax.Node, evaluation: Evaluation) -> tuple[str, tuple[ItemIndex, ...]]:
+def _value(node: Node, evaluation: Evaluation) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
         _begin(node, evaluation)
         value = build_closure(node)(evaluation, {})
@@ -129,6 +140,28 @@ def item_text(box_index: int, index: int, item: Item) -> str:
     colour = item.colour.name.lower()
     if index < len(LEVELS) and item == (BLOCK_X, LEVEL_Y[index], Shape.SQUARE, item.colour, Size.MEDIUM):
         return f"{colour} block {LEVELS[index]}"
-    middle_x, middle_y = box_index * BOX_PITCH + item.x + item.side // 2, item.y + item.side // 2
+    middle_x = box_index * BOX_PITCH + item.x + item.side // 2
+    middle_y = item.y + item.side // 2
     cell = f"column {middle_x // CELL_SIDE}, row {middle_y // CELL_SIDE}"
     return f"{item.size.name} {colour} {item.shape.name} at {cell}".lower()
+
+
+def explain_program(source: str) -> str:
+    """Human-readable text about a program, valid or not.
+
+    Args:
+        source: The program's text.
+
+    Returns:
+        The error in the source, or the words it uses and its value on the empty scene.
+    """
+    try:
+        program = compile_program(source)
+    except ProgramError as fault:
+        return f"invalid program: {fault.explain()}"
+    try:
+        value = str(program.evaluate(Scene.empty()))
+    except ProgramRuntimeError as fault:
+        value = f"no value ({fault})"
+    words = ", ".join(sorted(word_names(program.tree))) or "none"
+    return f"valid program\nwords: {words}\non the empty scene: {value}"

@@ -13,7 +13,6 @@ from gymnasium.utils import seeding
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
-from lilgym_mp.envs.checks import checked_count
 from lilgym_mp.envs.proposer_verifier.engine import ROLES, agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, ObservedGames
@@ -21,8 +20,8 @@ from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import MAX_RESETS
-from lilgym_mp.scene.arrays import Int64Array
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng
+from lilgym_mp.scene.choices import checked_count, choose
 
 BOTH = "both"
 SEATS = {**{agent: (role,) for agent, role in ROLES.items()}, BOTH: tuple(Role)}
@@ -51,10 +50,10 @@ class GameVecEnv(VecEnv):
         nested, actions = agent_spaces(games.parts[first], game.action_counts[first])
         self._all = np.arange(num_games)
         self._episodes = np.zeros(num_games, np.int64)
-        self._generators: list[np.random.Generator] = []
+        self._generators: list[Rng] = []
         self._actions = np.zeros((len(Role), num_games), np.int64)  # indexed by role, like the next
         self._returns = np.zeros((len(Role), num_games))  # of this step
-        self._infos: list[dict[str, Any]] = []  # of this step, by row
+        self._infos: list[AnyDict] = []  # of this step, by row
         super().__init__(num_games * len(self._roles), cast("spaces.Dict", nested[PARTS]), actions)
 
     def reset(self) -> VecEnvObs:
@@ -83,7 +82,8 @@ class GameVecEnv(VecEnv):
             self._choose(np.flatnonzero(movers[self._other]))
         self._play(self._all)
         self._play_partner(self._all)
-        over, infos = ~movers.any(0), self._infos
+        over = ~movers.any(0)
+        infos = self._infos
         rewards = self._rows([self._returns[role] for role in self._roles]).astype(np.float32)
         if over.any():
             self._end(np.flatnonzero(over), infos)
@@ -94,9 +94,10 @@ class GameVecEnv(VecEnv):
         self._returns[:] = 0
         self._infos = [{"agent": agent} for agent in self.get_attr("agent")]
 
-    def _end(self, ended: Int64Array, infos: list[dict[str, Any]]) -> None:
+    def _end(self, ended: Int64Array, infos: list[AnyDict]) -> None:
         """Completes the infos of games (k,) that have just ended, and starts others."""
-        last, rows = self._observations(ended), self._rows_of(ended)
+        last = self._observations(ended)
+        rows = self._rows_of(ended)
         for place, row in enumerate(rows):
             infos[row]["terminal_observation"] = {key: part[place] for key, part in last.items()}
             infos[row]["TimeLimit.truncated"] = not self._games.terminated[row // len(self._roles)]
@@ -105,7 +106,8 @@ class GameVecEnv(VecEnv):
     def _start(self, indices: Int64Array, options: Sequence[Any] | None = None) -> None:
         """Starts games (k,), again where one ends before a seat that learns has had a turn."""
         self._begin()
-        rows, game = self._rows_of(indices), self._games.game
+        rows = self._rows_of(indices)
+        game = self._games.game
         for _ in range(MAX_RESETS):
             chosen = [reset_options(options[index] if options else None) for index in indices.tolist()]
             drawn: list[tuple[int, int]] = []
@@ -120,7 +122,8 @@ class GameVecEnv(VecEnv):
             if not len(indices):
                 break
         else:
-            partner, agent = self._partner, AGENTS[self._roles[0]]
+            partner = self._partner
+            agent = AGENTS[self._roles[0]]
             raise RuntimeError(f"{agent} had no turn in {MAX_RESETS} games with partner {partner!r}")
         for row in rows:
             self.reset_infos[row] = self._infos[row]
@@ -179,7 +182,7 @@ class GameVecEnv(VecEnv):
 
     def action_masks(self) -> np.ndarray:
         """(rows, actions) bool: the legal actions; out of turn "wait" alone."""
-        return self._rows([self._games.masks(role, self._all) for role in self._roles]).astype(np.bool_)
+        return self._rows([self._games.masks(role, self._all) for role in self._roles]).astype(bool)
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> Any:
         """The rows' "action_masks". Raises AttributeError for another method."""
@@ -263,5 +266,5 @@ class InfoMasks(VecEnvWrapper):
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> Any:
         """The rows' "action_masks", or another method of `venv`."""
         if method_name == "action_masks":
-            return [self._masks[row].astype(np.bool_) for row in self._get_indices(indices)]
+            return [self._masks[row].astype(bool) for row in self._get_indices(indices)]
         return self.venv.env_method(method_name, *args, indices=indices, **kwargs)

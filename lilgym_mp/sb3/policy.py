@@ -30,6 +30,7 @@ from lilgym_mp.learning.ppo.agent import PPOAgent, describe
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
@@ -42,7 +43,10 @@ OTHER_WORDS = (
     " vocabulary=Vocabulary(words), as recipe(...).env does, or pass words=env.get_attr('vocabulary')[0].words"
 )
 ELSE = "evaluate other models by lilgym_mp.evaluation.evaluate_wrapped"
-IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
+IMAGE = "image"
+ITEMS = "item_array"
+STATEMENT = "statement"
+TARGET = "target"
 
 
 class LilGymPolicy(MaskableActorCriticPolicy):
@@ -56,12 +60,14 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     action_space: spaces.Discrete
 
     def __init__(
-        self, *args: Any, settings: Mapping[str, Any], words: Sequence[str], use_sde: bool = False, **kwargs: Any
+        self, *args: Any, settings: AnyMapping, words: Sequence[str], use_sde: bool = False, **kwargs: Any
     ) -> None:
         """`settings`: `EnvConfig.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
-        self.settings, self.vocabulary = EnvConfig.from_json(settings), Vocabulary(tuple(words))
-        self._table, self._texts = BoxImageTable(), dict[bytes, str]()
+        self.settings = EnvConfig.from_json(settings)
+        self.vocabulary = Vocabulary(tuple(words))
+        self._table = BoxImageTable()
+        self._texts = dict[bytes, str]()
         self._versions: list[tuple[int, int]] = []  # of the parameters that made the cached encodings
         super().__init__(*args, **{"optimizer_kwargs": {"eps": 1e-5, "fused": True}, **kwargs})
 
@@ -79,7 +85,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
             raise ValueError(OTHER_WORDS)
         self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
-        options: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
+        options: AnyDict = {"lr": lr_schedule(1), **self.optimizer_kwargs}
         self.optimizer = self.optimizer_class(self.network.parameters(), **options)
 
     def set_training_mode(self, mode: bool) -> None:
@@ -122,7 +128,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     def _decided(self, observations: Mapping[str, Tensor], action_masks: Any = None) -> tuple[FactoredPolicy, Tensor]:
         """The policy and the values (N, 1)."""
         self._forget_other_weights()
-        legal = None if action_masks is None else np.asarray(action_masks, np.bool_).reshape(-1, self.action_space.n)
+        legal = None if action_masks is None else np.asarray(action_masks, bool).reshape(-1, self.action_space.n)
         policy, values = policy_and_values(self.network, self._states(observations), legal)
         return policy, values[:, None]
 
@@ -208,8 +214,8 @@ STATEMENT_EPISODES = {"tower": 4}  # of the results in the documents; 2 for othe
 class Recipe(NamedTuple):
     """Arguments that train as `lilgym-mp train ppo --stop-forcing` does."""
 
-    env: dict[str, Any]  # of `make_vec_env`
-    model: dict[str, Any]  # of `PPO` and `MaskablePPO`
+    env: AnyDict  # of `make_vec_env`
+    model: AnyDict  # of `PPO` and `MaskablePPO`
     callback: EntropySchedule  # of `learn`
 
 

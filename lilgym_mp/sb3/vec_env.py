@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from lilgym_mp.corpus.notes import note_after
-from lilgym_mp.envs.checks import checked_count, checked_options
+from lilgym_mp.envs.checks import checked_options
 from lilgym_mp.envs.interface import RESET_OPTIONS
 from lilgym_mp.envs.keywords import SB3_INSTEAD, check_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
@@ -25,7 +25,8 @@ from lilgym_mp.envs.observation import ARRAYS, row_of
 from lilgym_mp.envs.preload import preloading
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.arrays import AnyDict
+from lilgym_mp.scene.choices import checked_count, choose
 from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.transformation import WrongEnvironment, to_python
 
@@ -127,7 +128,7 @@ class BatchVecEnv(VecEnv):
         return [wrapper_class in classes for _ in self._get_indices(indices)]
 
 
-def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> BatchVecEnv:
+def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: AnyDict) -> BatchVecEnv:
     """Raises ValueError naming the remedies for a wrapper of single environments."""
     venv = make(id, num_envs=n_envs, autoreset_mode=AutoresetMode.DISABLED, copy=False, **kwargs)
     try:
@@ -140,7 +141,7 @@ def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: d
         raise ValueError(f"wrap must accept a batch ({error}); use {remedies}") from None
 
 
-def _subproc(id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> SubprocVecEnv:
+def _subproc(id: str, n_envs: int, wrap: Wrap, kwargs: AnyDict) -> SubprocVecEnv:
     start_method = kwargs.pop("start_method", None)
     first = _make(id, wrap, kwargs)  # fails here with a clear error, whereas SB3's processes would break the pipe
     tasks = first.get_wrapper_attr("tasks")
@@ -150,11 +151,11 @@ def _subproc(id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> Subpro
         return SubprocVecEnv([partial(_make, id, wrap, kwargs)] * n_envs, start_method=start_method)
 
 
-def _make(id: str, wrap: Wrap, kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
+def _make(id: str, wrap: Wrap, kwargs: AnyDict) -> gym.Env[Any, Any]:
     return wrap(gym.make(id, **kwargs))
 
 
-BACKENDS: Mapping[str, Callable[[str, int, Wrap, dict[str, Any]], VecEnv]] = {
+BACKENDS: Mapping[str, Callable[[str, int, Wrap, AnyDict], VecEnv]] = {
     "batched": partial(_batch, gym.make_vec),
     "workers": partial(_batch, WorkerVectorEnv),
     "subproc": _subproc,

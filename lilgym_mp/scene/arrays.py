@@ -1,6 +1,9 @@
-"""Type aliases of arrays."""
+"""Type aliases of arrays, and of other types that recur."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,11 @@ Int64Array = NDArray[np.int64]
 UInt64Array = NDArray[np.uint64]
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
+
+AnyDict = dict[str, Any]
+AnyMapping = Mapping[str, Any]
+Strings = tuple[str, ...]
+Rng = np.random.Generator
 
 BOOLEANS = (bool, np.bool_)  # rejected as integers, although both (np.bool_ before NumPy 2.3) can be used as an index
 

@@ -10,18 +10,32 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from functools import lru_cache
 
-from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
+from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.compiler import generated_truth
 from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
+from lilgym_mp.programs.syntax import (
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Node,
+    SceneName,
+    Subscript,
+    WordName,
+    children,
+    free_variables,
+    walk,
+)
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Box, Item, Scene
 
 PROGRAM_CACHE_SIZE = 4_096
 QUERY_CACHE_SIZE = 4_096
-BOXES = syntax.SceneName("all_boxes")
-ITEMS = syntax.SceneName("all_items")
-FIRST_BOX = syntax.Display(list, (syntax.Subscript(BOXES, syntax.Constant(0)),))
+BOXES = SceneName("all_boxes")
+ITEMS = SceneName("all_items")
+FIRST_BOX = Display(list, (Subscript(BOXES, Constant(0)),))
 EMPTY_BOX = Box()
 
 Query = Callable[[Box], Hashable]  # a function of one box
@@ -65,83 +79,83 @@ class BoxClasses:
         return found
 
 
-def _queries(node: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
+def _queries(node: Node) -> Iterator[tuple[Node, bool]]:
     """Programs about the first box that determine the node's value, each with whether it is a count.
 
     Raises _NotSeparableError.
     """
     match node:
-        case syntax.Call(word=word, arguments=(chain,)) if word.name in ("exist", "count") and chain is not None:
+        case Call(word=word, arguments=(chain,)) if word.name in ("exist", "count") and chain is not None:
             source, filters = _filters(chain)
             if source == BOXES:
                 yield from _filter_queries(filters)
                 return
             if source == ITEMS and all(map(_is_box_local, filters)):
-                yield syntax.Call(WORDS["count"], (chain,)), True
+                yield Call(WORDS["count"], (chain,)), True
                 return
-        case syntax.Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
+        case Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
             source, filters = _filters(chain)
             if source == BOXES and _is_box_local(function):
                 yield from _filter_queries(filters)
-                yield syntax.Call(WORDS["Any"], (FIRST_BOX, function)), False
+                yield Call(WORDS["Any"], (FIRST_BOX, function)), False
                 return
-        case syntax.SceneName() | syntax.Lambda() | syntax.WordName():
+        case SceneName() | Lambda() | WordName():
             raise _NotSeparableError
         case _:
             pass
-    for child in syntax.children(node):
+    for child in children(node):
         yield from _queries(child)
 
 
-def _filters(chain: syntax.Node) -> tuple[syntax.Node, list[syntax.Node]]:
+def _filters(chain: Node) -> tuple[Node, list[Node]]:
     """The innermost argument of a chain of filters, and the functions by which they select, outermost first."""
     match chain:
-        case syntax.Call(word=word, arguments=(inner, test)) if inner and test and word.name.startswith("filter_"):
+        case Call(word=word, arguments=(inner, test)) if inner and test and word.name.startswith("filter_"):
             source, tests = _filters(inner)
             return source, [test, *tests]
         case _:
             return chain, []
 
 
-def _filter_queries(filters: Iterable[syntax.Node]) -> Iterator[tuple[syntax.Node, bool]]:
+def _filter_queries(filters: Iterable[Node]) -> Iterator[tuple[Node, bool]]:
     for function in filters:
         if not _is_box_local(function):
             raise _NotSeparableError
-        selected = syntax.Call(WORDS["filter_obj"], (FIRST_BOX, function))
-        yield syntax.Call(WORDS["exist"], (selected,)), False
+        selected = Call(WORDS["filter_obj"], (FIRST_BOX, function))
+        yield Call(WORDS["exist"], (selected,)), False
 
 
-def _is_box_local(function: syntax.Node) -> bool:
+def _is_box_local(function: Node) -> bool:
     """Whether the function's value for a box, or for an item, depends on that box alone."""
-    return not syntax.free_variables(function) and all(map(_is_local, syntax.walk(function)))
+    return not free_variables(function) and all(map(_is_local, walk(function)))
 
 
-def _is_local(node: syntax.Node) -> bool:
+def _is_local(node: Node) -> bool:
     match node:
-        case syntax.SceneName():
+        case SceneName():
             return False
-        case syntax.Call(word=word) | syntax.WordName(word=word):
+        case Call(word=word) | WordName(word=word):
             return word.depends_on != "scene"
         case _:
             return True
 
 
 @lru_cache(maxsize=QUERY_CACHE_SIZE)
-def _compiled(query: tuple[syntax.Node, bool]) -> Query:
+def _compiled(query: tuple[Node, bool]) -> Query:
     """The query as a function; its result is the program's value for a scene with that box first and two empty boxes,
     or the error message if it raises."""
     tree, is_count = query
     return _count_query(tree) if is_count else _value_query(tree)
 
 
-def _count_query(count: syntax.Node) -> Query:
+def _count_query(count: Node) -> Query:
     """Finds the count by comparisons with 0, 1, 2, ..., since programs have Boolean values."""
     exceeds: list[Query] = []
 
     def query(box: Box) -> Hashable:
         for number in range(len(box.items)):
             if number == len(exceeds):
-                exceeds.append(_value_query(syntax.Comparison(count, (">",), (syntax.Constant(number),))))
+                exceeds.append(_value_query(Comparison(count, (">",), (Constant(number),))))
             found = exceeds[number](box)
             if found is not True:
                 return number, found
@@ -150,7 +164,7 @@ def _count_query(count: syntax.Node) -> Query:
     return query
 
 
-def _value_query(tree: syntax.Node) -> Query:
+def _value_query(tree: Node) -> Query:
     fast = generated_truth(tree)
     reference = build_closure(tree)
 

@@ -71,7 +71,8 @@ class BoxEditor:
         half = item.side // 2
         centre = [(item.x + half, item.y + half)]
         width, height = self.scatter.cell
-        xs, ys = _points(item.x, item.side, width), _points(item.y, item.side, height)
+        xs = _points(item.x, item.side, width)
+        ys = _points(item.y, item.side, height)
         points = itertools.chain(centre, itertools.product(xs, ys))
         return dict.fromkeys(self._cell(x, y) for x, y in points if 0 <= x < BOX_SIDE and 0 <= y < BOX_SIDE)
 

@@ -34,7 +34,8 @@ def canonical_items() -> tuple[Item, ...]:
 
 def _zone(start: int, side: int) -> int:
     """The zone along one axis of an item of `side` pixels at `start`, in the order of `canonical_items`."""
-    before, after = start, BOX_SIDE - side - start
+    before = start
+    after = BOX_SIDE - side - start
     for zone, distance in enumerate((0, MARGIN, WIDE_MARGIN), start=1):
         if before <= distance:
             return zone

@@ -15,6 +15,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.static_types import may_fail
 from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.scene.arrays import Strings
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.box_classes import BoxClasses
@@ -31,7 +32,7 @@ ClassTriple = tuple[int, int, int]  # class by box
 ClassGoal = tuple[EditCounts, ClassTriple]
 
 
-def program_goal(task: Task) -> tuple[tuple[str, ...], int] | None:
+def program_goal(task: Task) -> tuple[Strings, int] | None:
     """The programs in the task's goal and, as a bit mask, their targets; bit i is the target of program i.
 
     None if success does not depend on program values alone, as e.g. in `corpus.matching`.
@@ -76,7 +77,7 @@ class ReachableClasses:
 class ClassSpace:
     """The abstract state space of some programs, whose states are class triples. Caches what is computed about it."""
 
-    def __init__(self, programs: tuple[str, ...]) -> None:
+    def __init__(self, programs: Strings) -> None:
         self._programs = programs
         self._compiled = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
         self.truths = lru_cache(MAX_CACHED_TRUTHS)(self._evaluate)

@@ -159,7 +159,7 @@ class ScatterBox:
         Feasibility does not depend on colour, so it is checked once for each cell and footprint.
         """
         table = self._addition_table()
-        chosen = np.zeros(table.canonical.shape, np.bool_)
+        chosen = np.zeros(table.canonical.shape, bool)
         chosen[self._additions(item_class)] = True
         by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
         possible = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT)
@@ -178,7 +178,7 @@ class ScatterBox:
         `places`: (n, 2) and `footprints`: (n,) of the added items.
         """
         squares = np.hstack([places, places + np.array(FOOTPRINT_SIDES)[footprints, None]])
-        feasible = np.zeros(len(footprints), np.bool_)
+        feasible = np.zeros(len(footprints), bool)
         for remainder in remainders[:MAX_REMAINDERS]:
             for step in (1, -1):
                 found = Refiner(remainder, self._box, self.editor, self._abstraction, budget, step).first()
@@ -214,7 +214,8 @@ class ScatterBox:
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
         """The region (left, top, right, bottom); items outside it do not affect the edit."""
         width, height = self.editor.scatter.cell
-        x, y = edit.column * width - self.editor.index * BOX_PITCH, edit.row * height
+        x = edit.column * width - self.editor.index * BOX_PITCH
+        y = edit.row * height
         if isinstance(edit, AddItem):
             side = SIZE_PIXELS[edit.size]
             return x - CLEARANCE, y - CLEARANCE, x + width + side + CLEARANCE, y + height + side + CLEARANCE

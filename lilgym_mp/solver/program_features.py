@@ -17,6 +17,23 @@ import numpy as np
 
 from lilgym_mp.programs import syntax
 from lilgym_mp.programs.canonical import ATTRIBUTE_TESTS
+from lilgym_mp.programs.syntax import (
+    Arithmetic,
+    Call,
+    Constant,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    as_lambda,
+    children,
+    with_children,
+)
 from lilgym_mp.programs.values import BoxView, ItemView, Side
 from lilgym_mp.programs.words import WORDS, Word
 from lilgym_mp.scene import Box
@@ -54,7 +71,7 @@ class ProgramFeatures:
         return self.tests_towers or bool(self.relations)
 
 
-def program_features(*trees: syntax.Node) -> ProgramFeatures:
+def program_features(*trees: Node) -> ProgramFeatures:
     """The features of the programs with these syntax trees. Conservative: it may include some that do not matter."""
     found = dict.fromkeys(feature for tree in trees for feature in _features(tree))
     return ProgramFeatures(
@@ -73,49 +90,49 @@ class _BoxFeature(Enum):
 _Feature = ItemFeature | Word | _BoxFeature
 
 
-def _features(node: syntax.Node) -> Iterator[_Feature]:
+def _features(node: Node) -> Iterator[_Feature]:
     """Every feature in the tree, with repetitions."""
     predicate = _as_predicate(node)
     if predicate is not None:
         yield _predicate_feature(predicate)
         return
     match node:
-        case syntax.Call(word=word) | syntax.WordName(word=word):
+        case Call(word=word) | WordName(word=word):
             yield from _word_features(word, node)
-        case syntax.Member(name=name) if name in ATTRIBUTES:
+        case Member(name=name) if name in ATTRIBUTES:
             yield _attribute_feature(name)
-        case syntax.Member(name="is_tower"):
+        case Member(name="is_tower"):
             yield _BoxFeature.TOWER
-        case syntax.Subscript(of=of) | syntax.Slice(of=of) if of != syntax.SceneName("all_boxes"):
+        case Subscript(of=of) | Slice(of=of) if of != SceneName("all_boxes"):
             yield _BoxFeature.ORDER
-        case syntax.Arithmetic(operator="+", left=left, right=right) if not (_is_number(left) and _is_number(right)):
+        case Arithmetic(operator="+", left=left, right=right) if not (_is_number(left) and _is_number(right)):
             yield _BoxFeature.ORDER
         case _:
             pass
-    for child in syntax.children(node):
+    for child in children(node):
         yield from _features(child)
 
 
-def _word_features(word: Word, node: syntax.Call | syntax.WordName) -> Iterator[_Feature]:
+def _word_features(word: Word, node: Call | WordName) -> Iterator[_Feature]:
     if word.reads_order:
         yield _BoxFeature.ORDER
     if word.group == "attributes" and word.attribute:
         match node:
-            case syntax.Call(arguments=(_, syntax.Constant(value=Enum() as value))) if value in ATTRIBUTE_TESTS:
-                yield _predicate_feature(syntax.call(WORDS[ATTRIBUTE_TESTS[value]], syntax.Variable("x")))
+            case Call(arguments=(_, Constant(value=Enum() as value))) if value in ATTRIBUTE_TESTS:
+                yield _predicate_feature(syntax.call(WORDS[ATTRIBUTE_TESTS[value]], Variable("x")))
             case _:
                 yield _attribute_feature(word.attribute)
-    elif isinstance(node, syntax.Call) and _is_item_test(word) and _has_constant_sides(node):
-        yield _predicate_feature(syntax.Call(word, (syntax.Variable("x"), *node.arguments[1:])))
+    elif isinstance(node, Call) and _is_item_test(word) and _has_constant_sides(node):
+        yield _predicate_feature(Call(word, (Variable("x"), *node.arguments[1:])))
     elif word.may_read_positions:
         yield word
 
 
-def _is_number(node: syntax.Node) -> bool:
+def _is_number(node: Node) -> bool:
     match node:
-        case syntax.Constant() | syntax.Arithmetic():
+        case Constant() | Arithmetic():
             return True
-        case syntax.Call(word=word):
+        case Call(word=word):
             return word.result == "int"
         case _:
             return False
@@ -124,29 +141,29 @@ def _is_number(node: syntax.Node) -> bool:
 # Predicates on one item
 
 
-def _as_predicate(node: syntax.Node) -> syntax.Node | None:
+def _as_predicate(node: Node) -> Node | None:
     """The node as a predicate on the variable x, if it combines tests of one and the same item; else None."""
-    if isinstance(node, syntax.WordName) and (function := syntax.as_lambda(node, "x")):
+    if isinstance(node, WordName) and (function := as_lambda(node, "x")):
         node = function.body
     names = set(_tested_variables(node))
     return _renamed(node) if len(names) == 1 and None not in names else None
 
 
-def _tested_variables(node: syntax.Node) -> Iterator[str | None]:
+def _tested_variables(node: Node) -> Iterator[str | None]:
     """The variables tested in a logical combination of item tests; None for any part that is not an item test."""
     match node:
-        case syntax.Call(word=word, arguments=(syntax.Variable(name=name), *_)) if _is_item_test(word):
+        case Call(word=word, arguments=(Variable(name=name), *_)) if _is_item_test(word):
             yield name if _has_constant_sides(node) else None
-        case syntax.Logic() | syntax.Not() | syntax.Call(word=Word(operator="and" | "or" | "not")):
-            for child in syntax.children(node):
+        case Logic() | Not() | Call(word=Word(operator="and" | "or" | "not")):
+            for child in children(node):
                 yield from _tested_variables(child)
         case _:
             yield None
 
 
-def _has_constant_sides(call: syntax.Call) -> bool:
+def _has_constant_sides(call: Call) -> bool:
     sides = call.arguments[1:]
-    return all(side is None or (isinstance(side, syntax.Constant) and isinstance(side.value, Side)) for side in sides)
+    return all(side is None or (isinstance(side, Constant) and isinstance(side.value, Side)) for side in sides)
 
 
 def _is_item_test(word: Word) -> bool:
@@ -158,33 +175,33 @@ def _is_item_test(word: Word) -> bool:
     return word.is_item_test and word.depends_on_item_only and known
 
 
-def _renamed(node: syntax.Node) -> syntax.Node:
+def _renamed(node: Node) -> Node:
     """The node with every variable renamed to x."""
-    return syntax.Variable("x") if isinstance(node, syntax.Variable) else syntax.with_children(node, _renamed)
+    return Variable("x") if isinstance(node, Variable) else with_children(node, _renamed)
 
 
 # Features with their values for all canonical items
 
 
 @lru_cache(maxsize=FEATURE_CACHE_SIZE)
-def _predicate_feature(predicate: syntax.Node) -> ItemFeature:
+def _predicate_feature(predicate: Node) -> ItemFeature:
     return ItemFeature(_predicate_values(predicate).astype(np.int64))
 
 
-def _predicate_values(predicate: syntax.Node) -> BoolArray:
+def _predicate_values(predicate: Node) -> BoolArray:
     """(1323,) the value of a predicate on x for each canonical item."""
     match predicate:
-        case syntax.Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
+        case Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
             return _item_test_values(word, tuple(map(_side, sides)))
-        case syntax.Logic(operator=operator) | syntax.Call(word=Word(operator=operator)):
+        case Logic(operator=operator) | Call(word=Word(operator=operator)):
             pass
         case _:
             operator = "not"
-    return LOGIC[operator](list(map(_predicate_values, syntax.children(predicate))))
+    return LOGIC[operator](list(map(_predicate_values, children(predicate))))
 
 
-def _side(node: syntax.Node | None) -> Side | None:
-    return cast("Side", node.value) if isinstance(node, syntax.Constant) else None
+def _side(node: Node | None) -> Side | None:
+    return cast("Side", node.value) if isinstance(node, Constant) else None
 
 
 @lru_cache(maxsize=FEATURE_CACHE_SIZE)

@@ -30,7 +30,7 @@ BoxEdit = AddBlock | RemoveBlock
 
 MAX_EXHAUSTIVE_EDITS = 4  # edits; up to this distance, evaluating every scene is faster than finding box classes
 
-_EDITS: tuple[BoxEdit, ...] = (*(AddBlock(0, colour) for colour in Colour), RemoveBlock(0))
+_EDITS = (*(AddBlock(0, colour) for colour in Colour), RemoveBlock(0))
 _ACTIONS = [{edit: Tower().encode(edit._replace(box=index)) for edit in _EDITS} for index in range(BOX_COUNT)]  # by box
 
 

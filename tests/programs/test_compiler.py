@@ -4,7 +4,8 @@ import pickle
 
 import pytest
 
-from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, compiler, explain_program
+from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, compiler
+from lilgym_mp.programs.tracing import explain_program
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 
 

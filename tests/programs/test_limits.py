@@ -12,10 +12,10 @@ from lilgym_mp.programs import (
     ProgramError,
     ProgramRuntimeError,
     StepLimitError,
-    bounded_truths,
     compile_program,
     costs,
 )
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size

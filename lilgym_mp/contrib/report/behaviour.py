@@ -76,7 +76,7 @@ def figure_10(data: ReportData) -> Iterator[Item]:
         yield Item("Figure 10", title, note="no recorded edit names a cell of a grid")
 
 
-INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
+INVALID_REASON_GROUPS = {
     "separator": (InvalidReason.SEPARATOR,),
     "nothing to remove": (InvalidReason.NOTHING_TO_REMOVE, InvalidReason.EMPTY_TOWER),
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
 from lilgym_mp.contrib.report.items import Item, table
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE, begin_run
+from lilgym_mp.scene.arrays import AnyMapping
 from lilgym_mp.scene.grouping import grouped
 
-Result = Mapping[str, Any]  # of a pair, as `lilgym-mp evaluate --out` writes it
+Result = AnyMapping  # of a pair, as `lilgym-mp evaluate --out` writes it
 SHARED = ("configuration", "protocol", "split", "corpus", "actions", "messages")  # by all pairs of a matrix
 NOTE = (
     "Rows: proposers; columns: verifiers. Brackets: 95 % intervals; statements are resampled with all of their games."

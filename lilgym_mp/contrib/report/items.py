@@ -85,8 +85,13 @@ class Table(Item):
         head, *rows = (" & ".join(cell.translate(LATEX) for cell in row) + r" \\" for row in (self.columns, *texts))
         lines = [
             f"% {self.item}. {self.title}. Needs \\usepackage{{booktabs}}.",
-            *(f"\\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"),
-            *(*rows, r"\bottomrule", r"\end{tabular}"),
+            f"\\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            head,
+            r"\midrule",
+            *rows,
+            r"\bottomrule",
+            r"\end{tabular}",
         ]
         return "\n".join(lines) + "\n"
 

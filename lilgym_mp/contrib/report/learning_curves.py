@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from lilgym_mp.contrib.report.charts import Line, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, table
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, shown_setting
 from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.scene.arrays import AnyMapping
 from lilgym_mp.scene.grouping import grouped
 
 ITEM = "Figure 4"
@@ -89,7 +89,7 @@ def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
     return [("", PROGRAM_ACCURACY)]
 
 
-def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str) -> Line:
+def mean_line(name: str, runs: Sequence[Sequence[AnyMapping]], key: str) -> Line:
     """Mean and deviation over runs, in per cent, up to where the first of them ends, at its steps."""
     series = [([record["steps"] for record in run], [100 * record[key] for record in run]) for run in runs]
     xs = min((steps for steps, _ in series), key=max)

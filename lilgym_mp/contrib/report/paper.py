@@ -43,7 +43,7 @@ ACCURACIES: Mapping[str, Mapping[tuple[str, str], MeanStd]] = {
 # (separator, empty, does not fit, on top), and the wrong STOPs and the shares of these by kind (direct, early,
 # erroneous). In per cent; None: not reported.
 Shares = tuple[int, tuple[int | None, ...]]
-ERRORS: Mapping[tuple[str, str], tuple[Shares, Shares]] = {
+ERRORS = {
     ("C3+BERT", "ScatterScratch"): ((58, (100, 0, 0, 0)), (42, (18, 82, None))),
     ("ViLT", "ScatterScratch"): ((82, (78, 14, 5, 3)), (18, (50, None, 50))),
     ("C3+BERT", "ScatterFlipIt"): ((58, (24, 63, 10, 3)), (42, (90, None, 10))),

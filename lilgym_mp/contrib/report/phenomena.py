@@ -268,7 +268,8 @@ def _has_boxes(nodes: Iterable[Node]) -> bool:
 
 def _selects_whole(left: Node, right: Node) -> bool:
     """Whether one side is a selection from the other; also for their counts."""
-    left, right = _counted_set(left) or left, _counted_set(right) or right
+    left = _counted_set(left) or left
+    right = _counted_set(right) or right
     return any(
         _renamed(source) == _renamed(whole)
         for part, whole in ((left, right), (right, left))
@@ -364,8 +365,16 @@ def ambiguous_preposition(statement: str) -> bool:
 RULES: Mapping[str, Callable[[Node], bool]] = {
     rule.__name__.replace("_", " "): rule
     for rule in (
-        *(existence, exact_cardinality, soft_cardinality, universal, coordination, negation, comparison),
-        *(spatial_relation, presupposition, coreference),
+        existence,
+        exact_cardinality,
+        soft_cardinality,
+        universal,
+        coordination,
+        negation,
+        comparison,
+        spatial_relation,
+        presupposition,
+        coreference,
     )
 }
 """For each semantic phenomenon, whether the syntax tree of a program shows it."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.corpus import contexts
 from lilgym_mp.corpus.records import shown
@@ -15,6 +14,7 @@ from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import EpisodesError, read_json, read_lines
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"  # written by `lilgym-mp llm play`
 GAME_TURNS = "turns.jsonl"  # besides these, for games
@@ -37,7 +37,8 @@ def conversations(directory: Path) -> Recording:
         given = summary["settings"]
         seed = int(given["seed"])
         settings = EnvConfig.from_json({name: given[name] for name in ("configuration", *EnvConfig.settings())})
-        split, option = given["split"], dict(given["option"])
+        split = given["split"]
+        option = dict(given["option"])
         tasks = settings.tasks(split)
         if given["tasks_sha256"] != tasks.provenance.sha256:
             raise ValueError(f"was played with other tasks than those of {tasks.provenance}")
@@ -59,7 +60,7 @@ def _reason(error: Exception) -> str:
     return f"there is no {error}" if isinstance(error, KeyError) else str(error)
 
 
-def _episode(record: Mapping[str, Any], settings: EnvConfig, split: str) -> Episode:
+def _episode(record: AnyMapping, settings: EnvConfig, split: str) -> Episode:
     task = settings.tasks(split).by_id(record["task"])
     if task.statement != record["statement"]:
         raise ValueError(f"the statement of task {task.id} was {shown(record['statement'])} when it was played")
@@ -93,7 +94,7 @@ def _recording(
     supervision: str,
     episodes: Sequence[Episode],
     seed: int,
-    recipe: dict[str, Any],
+    recipe: AnyDict,
 ) -> Recording:
     tasks = settings.tasks(split)
     own = [tasks.by_id(episode.task) for episode in episodes]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, product
@@ -23,6 +23,7 @@ from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 from lilgym_mp.learning.common.run_directory import shown as shown_setting
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 from lilgym_mp.scene.grouping import grouped
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
@@ -42,7 +43,7 @@ class AgentResults:
     configuration: str
     split: str
     runs: tuple[Recording, ...]
-    commits: tuple[str, ...] = ()  # of the code that played, as far as known
+    commits: Strings = ()  # of the code that played, as far as known
 
     @property
     def header(self) -> Header:
@@ -61,8 +62,8 @@ class TrainingCurve:
     run: Path
     learner: str
     configuration: str  # "" for a run on all configurations
-    evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
-    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    evaluations: tuple[AnyDict, ...] = ()  # evaluations on dev during training
+    recipe: AnyMapping = field(default_factory=AnyDict)
 
 
 @dataclass(frozen=True)
@@ -263,7 +264,8 @@ def _curve(directory: Path) -> TrainingCurve:
     """The curve of the run in this directory. Raises ReportError if one of its files is damaged."""
     try:
         run = begin_run(directory, {}, resume=True)
-        identity, environment = run.identity, run.identity.get("environment", {})
+        identity = run.identity
+        environment = run.identity.get("environment", {})
         learner = str(identity.get("learner"))
         configuration = environment.get("configuration", "")
         if configuration not in ("", *CONFIGURATIONS):
@@ -274,7 +276,7 @@ def _curve(directory: Path) -> TrainingCurve:
         raise ReportError(f"{directory}: damaged, or not a training run: {fault}") from None
 
 
-def _evaluations(file: Path) -> tuple[dict[str, Any], ...]:
+def _evaluations(file: Path) -> tuple[AnyDict, ...]:
     """The evaluations in a JSON Lines file, one for each number of steps, since a resumed run repeats some; none if
     there is no such file. Raises ValueError for an invalid number."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []

@@ -140,14 +140,29 @@ def basis(data: ReportData) -> Iterator[Item]:
     if any(entry.commits for entry in data.results):
         note += " Commit: of the code that played."
     columns = (
-        *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
-        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
+        "agent",
+        "configuration",
+        "split",
+        "runs",
+        "training seeds",
+        "evaluation seeds",
+        "start scenes",
+        "contexts",
+        "episodes",
+        "actions",
+        "mask",
+        "steps",
+        "CPU minutes",
+        "supervision",
+        "tasks",
+        "commit",
     )
     yield table("Basis", BASIS, columns, map(_basis_row, data.results), note)
 
 
 def _basis_row(entry: AgentResults) -> list[Cell]:
-    header, headers = entry.header, [run.header for run in entry.runs]
+    header = entry.header
+    headers = [run.header for run in entry.runs]
 
     def mean_of(key: str) -> float | None:
         values = [one.training[key] for one in headers if key in one.training]
@@ -155,12 +170,21 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
 
     steps = mean_of("steps")
     return [
-        *(entry.agent, entry.configuration, entry.split, len(headers)),
+        entry.agent,
+        entry.configuration,
+        entry.split,
+        len(headers),
         ", ".join(str(one.training_seed) for one in headers if one.training_seed is not None) or None,
         ", ".join(map(str, dict.fromkeys(one.seed for one in headers))),
-        *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
-        *("yes" if header.mask else "no", None if steps is None else round(steps), mean_of("cpu_minutes")),
-        *(header.supervision, header.tasks_sha256[:10]),
+        header.start_scenes,
+        header.contexts,
+        sum(one.episodes for one in headers),
+        header.actions,
+        "yes" if header.mask else "no",
+        None if steps is None else round(steps),
+        mean_of("cpu_minutes"),
+        header.supervision,
+        header.tasks_sha256[:10],
         ", ".join(entry.commits) or None,
     ]
 

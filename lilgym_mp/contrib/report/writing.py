@@ -16,6 +16,7 @@ from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
 from lilgym_mp.evaluation.files import OutputError, writable_directory
+from lilgym_mp.scene.arrays import AnyMapping
 
 CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Results": (results.table_2, results.figure_3, results.by_target, results.basis),
@@ -89,9 +90,12 @@ def _template() -> Any:
 def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]], template: Any) -> None:
     for name in (FIGURES, TABLES):
         (directory / name).mkdir()
-    corpus, summary, subtitle = "two agents", "", f"Pairs of agents: {len(data.games)}."
+    corpus = "two agents"
+    summary = ""
+    subtitle = f"Pairs of agents: {len(data.games)}."
     if data.entries:
-        settings, summary = data.header.settings, " ".join(results.summary(data))
+        settings = data.header.settings
+        summary = " ".join(results.summary(data))
         corpus = f"{settings.corpus} corpus"
         counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
         places = f"configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)}"
@@ -105,7 +109,7 @@ def _write(directory: Path, data: ReportData, made: Mapping[str, Sequence[Item]]
     (directory / PAGE_FILE).write_text(page, encoding="utf-8")
 
 
-def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
+def _write_item(directory: Path, item: Item) -> AnyMapping:
     """Writes the item's files; returns its template context."""
     common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note, "links": item.links}
     if isinstance(item, Chart):

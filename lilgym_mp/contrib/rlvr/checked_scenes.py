@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import random
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 from itertools import chain, islice, zip_longest
+from random import Random
 
 from lilgym_mp.corpus.scene_sampling import sampler_of
 from lilgym_mp.corpus.scene_walks import ScenePool
@@ -17,9 +17,9 @@ from lilgym_mp.programs import (
     ProgramError,
     ProgramRuntimeError,
     StepLimitError,
-    bounded_truths,
     compile_program,
 )
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.scene import BOX_COUNT, Scene
 
@@ -53,7 +53,7 @@ _GROUPS = (
     *(tuple(enum.__members__) for enum in ENUMS.values()),
     ("==", "!=", "<", "<=", ">", ">="),
 )
-_REPLACEMENTS: Mapping[str, tuple[str, ...]] = {
+_REPLACEMENTS = {
     **{word: tuple(other for other in group if other != word) for group in _GROUPS for word in group},
     "exist": ("1 == count", "1 < count", "1 > count"),
     "and": ("or", "and True or False and", "and False or"),  # the other connective, and either part left out
@@ -134,7 +134,7 @@ def _separating(
 
 def _further(program: Program, scenes: Sequence[Scene], values: dict[Scene, bool], appearance: str) -> list[Scene]:
     """The scenes of walks from these; adds their values to `values`."""
-    rng = random.Random(1)
+    rng = Random(1)
     changed = sampler_of(appearance).changed
     found: list[Scene] = []
     for start in [*scenes] * WALKS_EACH:
@@ -156,7 +156,7 @@ def _value(program: Program, scene: Scene) -> bool:
 @cache
 def _scenes(appearance: str) -> tuple[Scene, ...]:
     """Random scenes, many of them one edit apart."""
-    rng = random.Random(f"checks {appearance}")
+    rng = Random(f"checks {appearance}")
     scenes = [
         *ScenePool.sample(appearance, rng, WALKS).scenes,
         *(sampler_of(appearance).scene(rng) for _ in range(RANDOM)),
@@ -171,7 +171,7 @@ def _crowded_scene(appearance: str) -> Scene:
 
 def _changed(scenes: Sequence[Scene], appearance: str) -> Iterator[Scene]:
     """The scenes with an item changed, or with a box repeated."""
-    rng = random.Random(0)
+    rng = Random(0)
     for scene in scenes:
         for index in range(CHANGES):
             yield sampler_of(appearance).changed(rng, scene)

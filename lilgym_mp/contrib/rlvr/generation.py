@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import random
 import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from itertools import islice
+from random import Random
 
 from lilgym_mp.contrib.rlvr.checked_scenes import is_checkable
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
@@ -67,7 +67,7 @@ def rows(
 def _rows(
     kind: str, appearance: str, level: int, seed: int, split: str, lengths: range, seconds: float
 ) -> Iterator[Row]:
-    rng = random.Random(f"rows {seed} {level} {appearance} {split}")
+    rng = Random(f"rows {seed} {level} {appearance} {split}")
     variants = _VARIANTS[kind](appearance, lengths, rng)
     number = 0
     barren = 0
@@ -82,7 +82,7 @@ def _rows(
         for target, scene, steps in variants(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
             yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps)
-            number = number + 1
+            number += 1
             barren = 0
             begun = time.monotonic()
 
@@ -90,7 +90,7 @@ def _rows(
 _split_of = lru_cache(maxsize=65_536)(split_of)  # most statements are of other splits, and draws repeat programs
 
 
-def _new_statements(appearance: str, level: int, split: str, rng: random.Random) -> Iterator[TrainingPair]:
+def _new_statements(appearance: str, level: int, split: str, rng: Random) -> Iterator[TrainingPair]:
     """Statements of the split, new ones as long as there are any."""
     seen: set[int] = set()
     unused = 0  # statements since the last new one
@@ -107,7 +107,7 @@ def _new_statements(appearance: str, level: int, split: str, rng: random.Random)
         yield pair
 
 
-def _plans(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+def _plans(appearance: str, lengths: range, rng: Random) -> _Variants:
     """Starts from which shortest plans, proven shortest, have one of the lengths."""
     neighbours = _truths(appearance, lengths, rng) if lengths.start == 2 else None
 
@@ -122,10 +122,12 @@ def _plans(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     return variants
 
 
-def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task) -> Iterator[tuple[Scene, int]]:
+def _far_starts(appearance: str, lengths: range, rng: Random, task: Task) -> Iterator[tuple[Scene, int]]:
     """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it nearer to
     the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
-    sampler, solver, dynamics = sampler_of(appearance), solver_of(appearance), dynamics_of(appearance)
+    sampler = sampler_of(appearance)
+    solver = solver_of(appearance)
+    dynamics = dynamics_of(appearance)
     min_edits = max(lengths.start - 1, 2)
     # The scene to change next, and how far at least it is from the goal
     near = None
@@ -149,7 +151,7 @@ def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task)
         yield from rng.sample(ways, min(1, len(ways)))
 
 
-def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+def _truths(appearance: str, lengths: range, rng: Random) -> _Variants:
     """Two scenes one edit apart, in one of which the statement is true."""
     pool = ScenePool.sample(appearance, rng, POOL_WALKS)
 
@@ -160,7 +162,7 @@ def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     return variants
 
 
-def _claims(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+def _claims(appearance: str, lengths: range, rng: Random) -> _Variants:
     """The scenes of `_truths`, with one drawn target for both: the claim to have reached it holds in one of them."""
     truths = _truths(appearance, lengths, rng)
 
@@ -171,12 +173,12 @@ def _claims(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     return variants
 
 
-def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+def _programs(appearance: str, lengths: range, rng: Random) -> _Variants:
     """Programs against which others can be checked."""
     return lambda program: iter([(True, Scene.empty(), None)] if is_checkable(program, appearance) else [])
 
 
-_VARIANTS: Mapping[str, Callable[[str, range, random.Random], _Variants]] = {
+_VARIANTS: Mapping[str, Callable[[str, range, Random], _Variants]] = {
     "plan": _plans,
     "truth": _truths,
     "verify": _claims,

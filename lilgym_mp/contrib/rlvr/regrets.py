@@ -35,11 +35,13 @@ def credit(appearance: str, before: State, after: State, outcome: str, *, asked_
         return Credit(None if potential is None else 0.0, distance, distance)
     if outcome != Outcome.CONTINUES:
         ended = Outcome(outcome) if outcome in list(Outcome) else Outcome.INVALID_ACTION
-        left, later = 0.0, 0 if ended is Outcome.SUCCESS else None
+        left = 0.0
+        later = 0 if ended is Outcome.SUCCESS else None
         reward = signals[ended].reward
     else:
         second = solution_from(appearance, after)
-        left, later = _potential(appearance, second), second.steps or None
+        left = _potential(appearance, second)
+        later = second.steps or None
         reward = signals[Outcome.CONTINUES].reward
     if potential is None or left is None:
         return Credit(None, distance, later if left is not None else None)

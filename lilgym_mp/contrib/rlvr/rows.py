@@ -21,6 +21,7 @@ from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import SceneError
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, shown_lines
@@ -68,7 +69,7 @@ class Row:
         """The whole text for the model."""
         return _prompt(self, "list")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """An unknown level or number of steps is 0, and the start scene is JSON text: in tables, columns of rows of all
         kinds have the same types."""
         return {
@@ -151,7 +152,7 @@ def images_of(row: Row) -> list[Image.Image]:
     return [picture(row.task.start)] if row.kind in WITH_PICTURE else []
 
 
-def messages_of(row: Row, scene: str = "list", *, inline: bool = True) -> list[dict[str, Any]]:
+def messages_of(row: Row, scene: str = "list", *, inline: bool = True) -> list[AnyDict]:
     """The prompt as one user message. `scene`: "list", "image" or "both", of rows with a picture.
 
     A picture is a content part before the text: PNG in a data URL, as OpenAI's chat API takes it, or, unless `inline`,

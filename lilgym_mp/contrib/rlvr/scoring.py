@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from PIL import Image
 
@@ -17,14 +17,16 @@ from lilgym_mp.contrib.rlvr.checked_scenes import STEP_LIMIT, checked_truths
 from lilgym_mp.contrib.rlvr.regrets import credit
 from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of, right_answer
 from lilgym_mp.envs.rules import State
-from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
+from lilgym_mp.programs import ProgramError, StepLimitError
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, parse_reply, unusual_end
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, text_of
 
 SUCCESS, WRONG, NO_STOP = "success", "wrong", "no_stop"  # besides the rules' outcomes and those of replies
-Checked = tuple[str, dict[str, Any]]  # the outcome and details of a reply
+Checked = tuple[str, AnyDict]  # the outcome and details of a reply
 REWARD_LINE = "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode."
 
 
@@ -33,7 +35,7 @@ class Score(NamedTuple):
 
     reward: float
     outcome: str
-    details: Mapping[str, Any]
+    details: AnyMapping
 
 
 def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS, finish_reason: str | None = None) -> Score:
@@ -160,7 +162,8 @@ class Conversation:
         before = self.state
         problem = unusual_end(finish_reason) or (None if parsed.understood else NOT_UNDERSTOOD)
         if problem is None:
-            self._failed, action = 0, appearance.decode(parsed.action)
+            self._failed = 0
+            action = appearance.decode(parsed.action)
             moved = self._dynamics.step(self.state, action)
             self.state = moved.state
             self.done = moved.result.ends
@@ -169,7 +172,8 @@ class Conversation:
         else:
             self._failed += 1
             self.done = self._failed > self.retries
-            name, outcome = None, problem
+            name = None
+            outcome = problem
         again = name is None and not self.done
         judged = credit(self.row.appearance, before, self.state, outcome, asked_again=again)
         if self.done:

@@ -89,7 +89,8 @@ class BoxConditions(Writer):
 
     def comparison(self, one: Noun, other: Noun, order: str, margin: int | None) -> str:
         """Words that compare two counts; `margin` gives the exact difference, None leaves it open."""
-        first, second = self.noun(one, plural=True), self.noun(other, plural=True)
+        first = self.noun(one, plural=True)
+        second = self.noun(other, plural=True)
         same_shape = one.attributes.shape == other.attributes.shape and not one.predicates and not other.predicates
         if same_shape and other.attributes.colours and not other.attributes.size and self.chance(0.5):
             colours = " or ".join(other.attributes.colours)
@@ -103,7 +104,8 @@ class BoxConditions(Writer):
 
     def comparison_test(self, one: Noun, other: Noun, order: str, margin: int | None, source: str = ALL_ITEMS) -> str:
         """Program text for `comparison` of the items in `source`."""
-        first, second = f"count({one.items(source)})", f"count({other.items(source)})"
+        first = f"count({one.items(source)})"
+        second = f"count({other.items(source)})"
         if margin is not None:
             return f"{first} == {second} + {margin}"
         return f"{first} {ORDERS[order]} {second}"
@@ -302,7 +304,8 @@ class BoxConditions(Writer):
         self, quantity: Quantity, text: str, modifier: str | None = None, verb_forms: tuple[str, str] | None = None
     ) -> Condition:
         """The condition that the box has a quantity of items."""
-        test, (low, high, _) = quantity.test(ITEMS), quantity
+        test = quantity.test(ITEMS)
+        low, high, _ = quantity
         return Condition(test, text, modifier, verb_forms, kind="total", min_items=low, max_items=high)
 
     def items_alike(self) -> Condition:

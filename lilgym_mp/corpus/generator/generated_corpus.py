@@ -7,12 +7,12 @@ their levels and seeds.
 from __future__ import annotations
 
 import hashlib
-import random
 import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache, lru_cache
 from itertools import accumulate, islice
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.corpus.faults import CorpusError
@@ -96,9 +96,9 @@ def generated_entries(
     Statements are distinct, few have the same program, and few are true in the empty scene. Raises ValueError for an
     unknown appearance.
     """
-    rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # the same in all splits, so that they share forms
+    rng = Random(f"{spec.seed} {spec.level} {appearance}")  # the same in all splits, so that they share forms
     drafts = statements(appearance, spec.level, rng)
-    starts_rng = random.Random(rng.getrandbits(64))
+    starts_rng = Random(rng.getrandbits(64))
     pool = ScenePool.sample(appearance, starts_rng, POOL_WALKS)
     entries: list[GeneratedStatement] = []
     seen: set[str] = set()
@@ -120,7 +120,7 @@ def generated_entries(
     return tuple(entries)
 
 
-def _starts(program: str, pool: ScenePool, rng: random.Random) -> tuple[LabelledScene, ...]:
+def _starts(program: str, pool: ScenePool, rng: Random) -> tuple[LabelledScene, ...]:
     """START_PAIRS pairs of a true and a false scene, one legal edit apart; empty if there are none, or if no walk from
     the empty scene makes the program true."""
     pairs = list(islice(near_misses(program, pool.neighbours(rng)), START_PAIRS))
@@ -145,7 +145,7 @@ def split_of(program: str, appearance: str) -> str:
 
 @cache
 def _meaning_scenes(appearance: str) -> tuple[Scene, ...]:
-    rng = random.Random(f"meanings {appearance}")
+    rng = Random(f"meanings {appearance}")
     return tuple(rng.sample(ScenePool.sample(appearance, rng, MEANING_SCENES).scenes, MEANING_SCENES))
 
 

@@ -257,7 +257,8 @@ class ItemStatements(BoxConditions):
 
     def compound(self) -> TrainingPair:
         """A conjunction or disjunction of two statements."""
-        one, other = self.simple_statement(), self.simple_statement()
+        one = self.simple_statement()
+        other = self.simple_statement()
         words, operator = self.pick(
             (" and ", "and"),
             (", and ", "and"),
@@ -280,7 +281,8 @@ class ItemStatements(BoxConditions):
     def two_item_counts(self) -> TrainingPair:
         """ "there are two circles and one black square" """
         first_noun, second_noun = self.two_disjoint_nouns()
-        first, second = self.quantity(4, none=0), self.quantity(4, none=0.2)
+        first = self.quantity(4, none=0)
+        second = self.quantity(4, none=0.2)
         opening = self.existential(*self.quantified(first, first_noun))
         but = second == NONE and self.chance(0.6)
         conjunction = "but" if but else self.pick("and", "and", "and", ", and", "as well as")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from itertools import pairwise
+from random import Random
 
 from lilgym_mp.corpus.generator.writer import phrase_tables
 
@@ -14,7 +14,7 @@ NEEDS_ARTICLE = ("only", "other", "same", "most", "single", "couple", "pair")
 JOINABLE = frozenset({("at", "least"), ("is", "a"), ("at", "most"), ("a", "box"), ("there", "is"), ("in", "the")})
 
 
-def with_noise(statement: str, rng: random.Random) -> str:
+def with_noise(statement: str, rng: Random) -> str:
     """The statement as people type it: synonyms, articles, word boundaries, spelling, capitals and full stop vary."""
     text = statement.rstrip(" .!")
     text = text[:1].lower() + text[1:]
@@ -35,7 +35,7 @@ def with_noise(statement: str, rng: random.Random) -> str:
 
 def _edited(
     text: str,
-    rng: random.Random,
+    rng: Random,
     applies: Callable[[str, str | None], bool],
     edit: Callable[[str], list[str]],
 ) -> str:
@@ -56,7 +56,7 @@ def _is_long_word(word: str, _: str | None) -> bool:
     return len(word) >= MIN_LETTERS and word.isalpha()
 
 
-def _misspelt(word: str, rng: random.Random) -> str:
+def _misspelt(word: str, rng: Random) -> str:
     misspellings = phrase_tables()["misspellings"]
     if word in misspellings and rng.random() < 0.4:
         return rng.choice(misspellings[word])
@@ -80,7 +80,7 @@ def _with_joined_words(text: str) -> str:
     return text
 
 
-def _capitalised_and_stopped(text: str, rng: random.Random) -> str:
+def _capitalised_and_stopped(text: str, rng: Random) -> str:
     """The text with or without a capital and full stop; rarely without its first letter."""
     draw = rng.random()
     if draw < 0.85:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import random
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.corpus.generator.boxes import Statements
@@ -31,7 +31,7 @@ class Level(NamedTuple):
 
 _ITEM_RELATIONS = r"get_(?!set_)"  # "touching a circle", "above a blue block"
 _BOX_PAIRS = r"combinations|all_same_attribute"  # "two towers of the same height"
-LEVELS: Mapping[int, Level] = {
+LEVELS = {
     1: Level(14, re.compile(rf"box|All|is_top|is_bottom|is_second|is_third|touching|{_ITEM_RELATIONS}|{_BOX_PAIRS}")),
     2: Level(16, re.compile(rf"{_ITEM_RELATIONS}|{_BOX_PAIRS}")),
     3: Level(22, re.compile(_BOX_PAIRS)),
@@ -55,7 +55,7 @@ def training_pairs(
     People differ over bare numbers: in a share `bound_share` of the pairs "two" can mean at least two, and "one of the
     boxes" exactly one. With 0 a statement always has the same meaning. Raises ValueError for an unknown appearance.
     """
-    sampler = templates_of(appearance)(random.Random(f"pairs {appearance} {seed}"))
+    sampler = templates_of(appearance)(Random(f"pairs {appearance} {seed}"))
     while True:
         sampler.style = replace(sampler.random_style(), bare_number_is_bound=sampler.chance(bound_share))
         statement, program = sampler.sample()
@@ -75,7 +75,7 @@ def check_level(level: int) -> None:
         raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
 
 
-def statements(appearance: str, level: int, rng: random.Random) -> Iterator[TrainingPair]:
+def statements(appearance: str, level: int, rng: Random) -> Iterator[TrainingPair]:
     """Endless statements of a level in correct spelling and grammar, each with one meaning, and their programs.
 
     Numbers are exact; wordings that people read in two ways are left out. The call itself draws from `rng`, before the

@@ -121,7 +121,8 @@ class TowerStatements(Statements):
 
     def between_predicate(self) -> Predicate:
         """Draws the predicate of being directly between two blocks, in either order."""
-        one, other = self.coloured_block(), self.coloured_block()
+        one = self.coloured_block()
+        other = self.coloured_block()
         test = f"{one.related('get_above')} and {other.related('get_below')}"
         if one == other:
             complement = self.say("between_alike", ones=partial(self.noun, one))
@@ -207,7 +208,8 @@ class TowerStatements(Statements):
     def two_ends(self) -> Condition:
         """ "a black top and a yellow base" """
         (top,), (base,) = self.colour(), self.colour()
-        upper, lower = Attributes((top,)), Attributes((base,))
+        upper = Attributes((top,))
+        lower = Attributes((base,))
         if top == base:
             contents = self.say("same_two_ends", nouns=partial(self.noun, Noun(upper)), colour=top)
         else:
@@ -399,7 +401,8 @@ class TowerStatements(Statements):
         order, more = self.pick((">", "more"), ("<", "fewer"), ("==", "as many"))
         names = ("left", "middle", "right") if self.chance(0.7) else ("first", "second", "third")
         tower = self.word("tower")
-        first, second = f"the {names[one]} {tower}", f"the {names[other]} {self.pick('one', tower)}"
+        first = f"the {names[one]} {tower}"
+        second = f"the {names[other]} {self.pick('one', tower)}"
         linking = "as" if order == "==" else "than"
         text = f"{first} is {self.say(f'taller_{order}')} {linking} {second}"
         if self.chance(0.3):

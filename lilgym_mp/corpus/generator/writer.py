@@ -18,6 +18,7 @@ from string import Formatter
 from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.corpus.generator.fragments import ALL_ITEMS, NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.scene.arrays import AnyDict, Strings
 from lilgym_mp.scene.choices import article
 
 HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
@@ -77,11 +78,11 @@ def verb_forms(phrase: str) -> tuple[str, str]:
 class Attributes:
     """The attribute words of a noun phrase; several colours are alternatives."""
 
-    colours: tuple[str, ...] = ()
+    colours: Strings = ()
     shape: str | None = None
     size: str | None = None
 
-    def tests(self) -> tuple[str, ...]:
+    def tests(self) -> Strings:
         """Program texts of the tests of one item, HOLE in place of its variable."""
         colours = [f"is_{colour}({HOLE})" for colour in COLOURS if colour in self.colours]
         either = f"({' or '.join(colours)})" if len(colours) > 1 else "".join(colours)
@@ -113,7 +114,7 @@ class Noun:
     attributes: Attributes = Attributes()
     predicates: tuple[Predicate, ...] = ()
 
-    def tests(self) -> tuple[str, ...]:
+    def tests(self) -> Strings:
         """Program texts of all tests of one item, HOLE in place of its variable."""
         return (*self.attributes.tests(), *(predicate.signed_test() for predicate in self.predicates))
 
@@ -166,7 +167,7 @@ class PhraseBook(NamedTuple):
 
 
 @cache
-def phrase_tables() -> dict[str, Any]:
+def phrase_tables() -> AnyDict:
     """The contents of data/phrases.toml."""
     return tomllib.loads((files("lilgym_mp.data") / "phrases.toml").read_text(encoding="utf-8"))
 
@@ -252,7 +253,7 @@ class Writer:
             return verb
         return conjugated(verb, plural)
 
-    def colour(self) -> tuple[str, ...]:
+    def colour(self) -> Strings:
         """One random colour, as the field `colours` of `Attributes`."""
         return (self.choice(COLOURS),)
 
@@ -307,7 +308,8 @@ class Writer:
 
     def lower_bound(self, low: int) -> str:
         """Words for `low` or more."""
-        number, before = self.number(low), self.number(low - 1)
+        number = self.number(low)
+        before = self.number(low - 1)
         if self.style.bare_number_is_bound and self.chance(0.5):
             return number
         draw = self.rng.random()

@@ -21,7 +21,7 @@ __all__ = ["FEWEST_COMPILED", "Core", "make_core"]
 
 FEWEST_COMPILED = 8  # environments; for fewer, calling compiled code costs more than it saves
 SCALAR = "lilgym_mp.envs.cores.scalar:ScalarCore"
-COMPILED: dict[str, str] = {  # by the appearance's name
+COMPILED = {  # by the appearance's name
     "tower": "lilgym_mp.envs.cores.tower:TowerCore",
     "scatter": "lilgym_mp.envs.cores.scatter:ScatterCore",
 }

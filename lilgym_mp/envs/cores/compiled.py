@@ -56,12 +56,12 @@ class CompiledCore(Core):
             versions=np.zeros(rows, np.int64),
             weighted=np.zeros((rows, side, side), np.uint8),
             images=buffers.image.reshape(len(buffers.image), -1),
-            is_unfit=np.zeros(len(buffers.image), np.bool_),
+            is_unfit=np.zeros(len(buffers.image), bool),
         )
         self._starts = StartScenes(
             items=np.full((BOX_COUNT * len(tasks), capacity), NO_ITEM),
             counts=np.zeros(BOX_COUNT * len(tasks), np.int64),
-            is_unfit=np.zeros(len(tasks), np.bool_),
+            is_unfit=np.zeros(len(tasks), bool),
         )
         self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
         self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
@@ -78,7 +78,7 @@ class CompiledCore(Core):
         """Loads or compiles the kernel that `_edit` calls."""
         none = self._all_env_ids[:0]
         with compiling(kernel):
-            self._edit(none, none, np.zeros(0, np.bool_))
+            self._edit(none, none, np.zeros(0, bool))
 
     def set_task(self, index: int, task: Task) -> None:
         super().set_task(index, task)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores.base import Core
@@ -11,7 +10,7 @@ from lilgym_mp.envs.observation import item_array
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array
 from lilgym_mp.scene.render.canvas import Canvas
 
 
@@ -27,7 +26,7 @@ class ScalarCore(Core):
     def _new_canvases(self) -> list[Canvas]:
         return [Canvas(self._image_size, image) for image in self._buffers.image]
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: AnyDict) -> None:
         """A copy's canvases draw into its own buffers."""
         vars(self).update(state)
         self._canvases = self._new_canvases()

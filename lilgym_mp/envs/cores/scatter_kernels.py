@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.envs.cores.kernels import (
@@ -25,7 +24,7 @@ from lilgym_mp.scene.appearances.scatter import actions, geometry
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
 from lilgym_mp.scene.appearances.scatter.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
 from lilgym_mp.scene.appearances.scatter.geometry import FIRST_TOO_FAR, LARGEST_MOVE, OFFSET_LIMIT, OVERLAPPING, TIED
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, UInt16Array
 
 TIE = -2  # sentinel instead of a reason: ambiguous snap, resolved by `tied_move`
 ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
@@ -42,7 +41,7 @@ class GridTables(NamedTuple):
 
     clearance: UInt8Array  # `geometry.PlacementTables`
     moves: UInt8Array
-    areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
+    areas: UInt16Array  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `LAST_CORNER`
     cell_count: int  # cells of the grid
     cell_width: int
@@ -69,7 +68,8 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     on_separator = xs >= BOX_SIDE
     last = np.array(LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
-    separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
+    separator = REASON_INDICES[InvalidReason.SEPARATOR]
+    out_of_box = REASON_INDICES[InvalidReason.OUT_OF_BOX]
     tables = geometry.placement_tables()
     return GridTables(
         clearance=tables.clearance,
@@ -93,7 +93,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     )
 
 
-def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
+def _area_ranks(cell_width: int, cell_height: int) -> UInt16Array:
     areas = geometry.cell_areas(cell_width, cell_height)
     _, ranks = np.unique(areas, return_inverse=True)
     return ranks.reshape(areas.shape).astype(np.uint16)
@@ -135,7 +135,10 @@ def edit_scatter_scenes(
             reasons[k] = _remove(tables, drawing, scenes, row, cell, applies[k])
         else:
             reason, x, y, slot = _add(tables, places, drawing, scenes, row, cell, item_type, applies[k], scratch)
-            reasons[k], ties[k, 0], ties[k, 1], ties[k, 2] = reason, x, y, slot
+            reasons[k] = reason
+            ties[k, 0] = x
+            ties[k, 1] = y
+            ties[k, 2] = slot
         tied += reasons[k] == TIE
     return tied
 
@@ -153,19 +156,23 @@ def _add(
     scratch: Any,
 ) -> tuple[int, int, int, int]:
     """Makes an ADD. Returns its reason, its position before snapping, and the slot of the closest item."""
-    footprint, x, y = ITEM_TYPE_FOOTPRINT[item_type], tables.xs[cell], tables.ys[cell]
+    footprint = ITEM_TYPE_FOOTPRINT[item_type]
+    x = tables.xs[cell]
+    y = tables.ys[cell]
     reason = tables.add_reasons[footprint, cell]
     if reason != NO_REASON:
         return reason, x, y, 0
     clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance == OVERLAPPING:
-        dx, dy = -1, -1
+        dx = -1
+        dy = -1
         if tables.searches:
             in_box = cell - tables.first_cells[row % BOX_COUNT]
             dx, dy = _search(tables, places, scenes, row, footprint, in_box, scratch)
         if dx < 0:
             return tables.overlap, x, y, 0
-        x, y = x + dx, y + dy
+        x += dx
+        y += dy
         clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance >= FIRST_TOO_FAR or not tables.snaps:
         place_item(tables, drawing, scenes, row, item_type, x, y, NO_MOVE, applies)
@@ -182,14 +189,17 @@ def _add(
 @inlined
 def _closest(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: int, y: int) -> tuple[int, int]:
     """`PlacementTables.closest` for a new item: the smallest clearance code and the first slot that has it."""
-    smallest, closest = FIRST_TOO_FAR, 0
+    smallest = FIRST_TOO_FAR
+    closest = 0
     for slot in range(scenes.counts[row]):
         other_x, other_y, item_type = decode_item(scenes.items[row, slot])
-        dx, dy = x - other_x + OFFSET_LIMIT, y - other_y + OFFSET_LIMIT
+        dx = x - other_x + OFFSET_LIMIT
+        dy = y - other_y + OFFSET_LIMIT
         if 0 <= dx <= 2 * OFFSET_LIMIT and 0 <= dy <= 2 * OFFSET_LIMIT:
             code = int(tables.clearance[footprint, ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
             if code < smallest:
-                smallest, closest = code, slot
+                smallest = code
+                closest = slot
     return smallest, closest
 
 
@@ -199,14 +209,17 @@ def _search(
 ) -> tuple[int, int]:
     """`cell_places.searched` in a cell: x and y in the cell of the first free position, or -1. `scratch`: as for
     `_write_free`."""
-    found_x, found_y = -1, -1
+    found_x = -1
+    found_y = -1
     for part in range(places.empty.shape[1]):
         _write_free(tables, places, scenes, row, cell, part, scratch)
         for place in range(places.first_places[footprint], places.first_places[footprint + 1]):
             if (scratch[place // WORD_BITS] >> np.uint64(place % WORD_BITS)) & np.uint64(1):
-                x, y = places.corners[place, 0], places.corners[place, 1]
+                x = places.corners[place, 0]
+                y = places.corners[place, 1]
                 if found_x < 0 or x < found_x:
-                    found_x, found_y = x, y + part * places.part_height
+                    found_x = x
+                    found_y = y + part * places.part_height
                 break
     return found_x, found_y
 
@@ -225,12 +238,14 @@ def place_item(
 ) -> None:
     """Applies a snap move if the rules allow it; adds the item if `applies`."""
     if move != NO_MOVE:
-        new_x, new_y = x + move // MOVE_BASE - LARGEST_MOVE, y + move % MOVE_BASE - LARGEST_MOVE
+        new_x = x + move // MOVE_BASE - LARGEST_MOVE
+        new_y = y + move % MOVE_BASE - LARGEST_MOVE
         footprint = ITEM_TYPE_FOOTPRINT[item_type]
         inside = min(new_x, new_y) >= 0 and max(new_x, new_y) <= tables.last_corners[footprint]
         fits = inside and _closest(tables, scenes, row, footprint, new_x, new_y)[0] != OVERLAPPING
         if fits or tables.keeps_unfit_snaps:
-            x, y = new_x, new_y
+            x = new_x
+            y = new_y
             scenes.is_unfit[row // BOX_COUNT] |= applies and not fits
     if applies:
         append_item(drawing, scenes, row, encode_item(x, y, item_type))
@@ -241,14 +256,17 @@ def _remove(tables: GridTables, drawing: DrawingTables, scenes: Scenes, row: int
     """Removes the item that covers most of the cell, the first in case of ties. Returns the reason."""
     if tables.remove_reasons[cell] != NO_REASON:
         return tables.remove_reasons[cell]
-    largest, removed = 0, 0
+    largest = 0
+    removed = 0
     for slot in range(scenes.counts[row]):
         x, y, item_type = decode_item(scenes.items[row, slot])
-        dx, dy = tables.xs[cell] - x + tables.cell_width - 1, tables.ys[cell] - y + tables.cell_height - 1
+        dx = tables.xs[cell] - x + tables.cell_width - 1
+        dy = tables.ys[cell] - y + tables.cell_height - 1
         if 0 <= dx < tables.areas.shape[1] and 0 <= dy < tables.areas.shape[2]:
             area = int(tables.areas[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
             if area > largest:
-                largest, removed = area, slot
+                largest = area
+                removed = slot
     if largest == 0:
         return tables.nothing_to_remove
     if applies:
@@ -309,7 +327,8 @@ def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: in
     for part in range(places.empty.shape[1]):
         _write_free(tables, places, scenes, row, cell, part, scratch)
         for group in range(len(places.words)):
-            edit, bits = int(places.edits[group, 0, 0]), scratch[places.words[group]] & places.groups[group, 0, 0]
+            edit = int(places.edits[group, 0, 0])
+            bits = scratch[places.words[group]] & places.groups[group, 0, 0]
             if (bits != 0) == (edit != REMOVABLE):
                 legal |= edit
     return legal

@@ -10,114 +10,115 @@ from enum import Enum
 from functools import partial
 
 from lilgym_mp.envs.fast import box_functions, ir
+from lilgym_mp.envs.fast.ir import AttributeSet, Bool, Items, StaticList, Value, operate, unsupported
 from lilgym_mp.programs.words import WORDS, Word
 
 
-def _lower_exist(s: ir.Value) -> ir.Bool:
-    if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet | ir.Combinations):
-        ir.unsupported("exist")
+def _lower_exist(s: Value) -> Bool:
+    if not isinstance(s, Items | StaticList | AttributeSet | ir.Combinations):
+        unsupported("exist")
     return ir.as_truth(s)
 
 
-def _lower_count(s: ir.Value) -> ir.Int:
+def _lower_count(s: Value) -> ir.Int:
     match s:
-        case ir.Items():
-            return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
-        case ir.AttributeSet():
-            return ir.Int(ir.operate("bit_count", s.code), s.total)
+        case Items():
+            return ir.Int(operate("+", *(part.count for part in s.parts)), s.total)
+        case AttributeSet():
+            return ir.Int(operate("bit_count", s.code), s.total)
         case ir.Combinations():
             return ir.Int(s.count, s.total)
-        case ir.StaticList():
+        case StaticList():
             present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
             for index, (element, condition) in enumerate(zip(ir.settled(s).elements, s.conditions, strict=True)):
                 if isinstance(element, ir.AttributeValue):
-                    ir.unsupported("count of attributes")
+                    unsupported("count of attributes")
                 present.setdefault(element if isinstance(element, ir.BoxRef) else index, []).append(condition.code)
-            distinct = (ir.operate("|", *codes) for codes in present.values())
-            return ir.Int(ir.operate("+", ir.Number(0), *distinct), s.total)
+            distinct = (operate("|", *codes) for codes in present.values())
+            return ir.Int(operate("+", ir.Number(0), *distinct), s.total)
         case _:
-            ir.unsupported("count")
+            unsupported("count")
 
 
-def _lower_len(s: ir.Value) -> ir.Int:
-    if not isinstance(s, ir.StaticList):
+def _lower_len(s: Value) -> ir.Int:
+    if not isinstance(s, StaticList):
         return _lower_count(s)
-    return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in ir.settled(s).conditions)), s.total)
+    return ir.Int(operate("+", ir.Number(0), *(condition.code for condition in ir.settled(s).conditions)), s.total)
 
 
-def _lower_unique(s: ir.Value) -> ir.ItemRef:
-    if not isinstance(s, ir.Items) or len(s.parts) != 1:
-        ir.unsupported("unique")
-    return ir.ItemRef(ir.operate("only", s.parts[0].mask), total=False, box=s.parts[0].box)
+def _lower_unique(s: Value) -> ir.ItemRef:
+    if not isinstance(s, Items) or len(s.parts) != 1:
+        unsupported("unique")
+    return ir.ItemRef(operate("only", s.parts[0].mask), total=False, box=s.parts[0].box)
 
 
-def _lower_set(s: ir.Value) -> ir.Items | ir.AttributeSet:
+def _lower_set(s: Value) -> Items | AttributeSet:
     match s:
-        case ir.Items():
-            return ir.Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
-        case ir.AttributeSet():
+        case Items():
+            return Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
+        case AttributeSet():
             return s
-        case ir.StaticList() if s.unconditional:
+        case StaticList() if s.unconditional:
             return ir.attribute_set(s.elements)
         case _:
-            ir.unsupported("set")
+            unsupported("set")
 
 
-def _lower_set_operation(sign: str, a: ir.Value, b: ir.Value) -> ir.Value:
+def _lower_set_operation(sign: str, a: Value, b: Value) -> Value:
     a = _lower_set(a)
     b = _lower_set(b)
-    if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
-        return ir.AttributeSet(ir.operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
-    if isinstance(a, ir.Items) and isinstance(b, ir.Items):
+    if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
+        return AttributeSet(operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
+    if isinstance(a, Items) and isinstance(b, Items):
         pairs = ir.paired_by_box(a, b)
-        parts = (ir.BoxItems(x.box, ir.operate(sign, x.mask, y.mask), ir.all_total((x, y))) for x, y in pairs)
-        return ir.Items(tuple(parts), ordered=False)
-    ir.unsupported("set operation")
+        parts = (ir.BoxItems(x.box, operate(sign, x.mask, y.mask), ir.all_total((x, y))) for x, y in pairs)
+        return Items(tuple(parts), ordered=False)
+    unsupported("set operation")
 
 
-def _lower_contained(a: ir.Value, b: ir.Value) -> ir.Bool:
+def _lower_contained(a: Value, b: Value) -> Bool:
     a = _lower_set(a)
     b = _lower_set(b)
-    if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
-        outside = ir.operate("&", a.code, ir.operate("~", b.code))
-        return ir.Bool(ir.operate("==", outside, ir.Number(0)), ir.all_total((a, b)))
-    ir.unsupported("contained")
+    if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
+        outside = operate("&", a.code, operate("~", b.code))
+        return Bool(operate("==", outside, ir.Number(0)), ir.all_total((a, b)))
+    unsupported("contained")
 
 
-def _lower_equal_set(a: ir.Value, b: ir.Value) -> ir.Bool:
+def _lower_equal_set(a: Value, b: Value) -> Bool:
     return ir.equality(_lower_set(a), _lower_set(b))
 
 
 # Words with one variant per attribute
 
 
-def _lower_query(attribute: str, x: ir.Value) -> ir.StaticList:
+def _lower_query(attribute: str, x: Value) -> StaticList:
     if not isinstance(x, ir.ItemRef):
-        ir.unsupported("query")
+        unsupported("query")
     return ir.static_list([ir.attribute_of(x, attribute)])
 
 
-def _lower_values(attribute: str, s: ir.Value) -> ir.AttributeSet:
-    if not isinstance(s, ir.Items):
-        ir.unsupported("values")
+def _lower_values(attribute: str, s: Value) -> AttributeSet:
+    if not isinstance(s, Items):
+        unsupported("values")
     enum = ir.ATTRIBUTE_TYPES[attribute]
     bits = [
-        ir.operate("<<", ir.narrow(part, ir.ItemMask(_value_mask(value, part.box))).nonempty, ir.Number(value.value))
+        operate("<<", ir.narrow(part, ir.ItemMask(_value_mask(value, part.box))).nonempty, ir.Number(value.value))
         for part in s.parts
         for value in enum
     ]
-    return ir.AttributeSet(ir.operate("|", *bits), s.total, enum=enum)
+    return AttributeSet(operate("|", *bits), s.total, enum=enum)
 
 
-def _lower_filter(attribute: str, s: ir.Value, value: ir.Value) -> ir.Items:
+def _lower_filter(attribute: str, s: Value, value: Value) -> Items:
     enum = ir.ATTRIBUTE_TYPES[attribute]
-    if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
-        ir.unsupported("filter")
+    if not isinstance(s, Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
+        unsupported("filter")
     if not isinstance(value.code, ir.Number):
-        ir.unsupported("filter by a variable")
+        unsupported("filter by a variable")
     wanted = enum(value.code.value)
     parts = (ir.narrow(part, ir.ItemMask(_value_mask(wanted, part.box))) for part in s.parts)
-    return ir.Items(tuple(parts), ordered=True)
+    return Items(tuple(parts), ordered=True)
 
 
 def _value_mask(value: Enum, box: str) -> ir.Code:
@@ -126,21 +127,21 @@ def _value_mask(value: Enum, box: str) -> ir.Code:
     return ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ()))
 
 
-def _lower_all_same(attribute: str, s: ir.Value) -> ir.Bool:
+def _lower_all_same(attribute: str, s: Value) -> Bool:
     found = _lower_values(attribute, s)
-    return ir.Bool(ir.operate("==", ir.operate("bit_count", found.code), ir.Number(1)), found.total)
+    return Bool(operate("==", operate("bit_count", found.code), ir.Number(1)), found.total)
 
 
-def _lower_equal_attribute(attribute: str, a: ir.Value, b: ir.Value) -> ir.Bool:
+def _lower_equal_attribute(attribute: str, a: Value, b: Value) -> Bool:
     enum = ir.ATTRIBUTE_TYPES[attribute]
     for value in (a, b):
-        for part in value.elements if isinstance(value, ir.StaticList) else (value,):
+        for part in value.elements if isinstance(value, StaticList) else (value,):
             if not isinstance(part, ir.Attribute) or part.enum is not enum:
-                ir.unsupported("equality of attributes")
+                unsupported("equality of attributes")
     return ir.equality(a, b)
 
 
-_LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
+_LOWERINGS: Mapping[str, Callable[..., Value]] = {  # by the form of the word
     "exist": _lower_exist,
     "count": _lower_count,
     "len": _lower_len,
@@ -159,7 +160,7 @@ _LOWERINGS: Mapping[str, Callable[..., ir.Value]] = {  # by the form of the word
 }
 
 
-def lowering_of(word: Word) -> Callable[..., ir.Value] | None:
+def lowering_of(word: Word) -> Callable[..., Value] | None:
     """What lowers a call of the word, given its arguments; None if nothing does."""
     lower = _LOWERINGS.get(word.form)
     return partial(lower, word.attribute) if lower is not None and word.attribute else lower

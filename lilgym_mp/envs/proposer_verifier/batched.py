@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
-from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_seed
 from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
@@ -22,14 +22,15 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int64Array, Rng
+from lilgym_mp.scene.choices import checked_count
 
 BatchStep = tuple[
     dict[str, AgentObservation],
-    dict[str, NDArray[np.float64]],  # (N,)
-    NDArray[np.bool_],  # (N,) terminated
-    NDArray[np.bool_],  # (N,) truncated
-    dict[str, Any],
+    dict[str, Float64Array],  # (N,)
+    BoolArray,  # (N,) terminated
+    BoolArray,  # (N,) truncated
+    AnyDict,
 ]
 
 
@@ -91,14 +92,14 @@ class BatchedGames:
         self._all = np.arange(num_games)
         self._own_turn_rewards = np.zeros((len(Role), num_games))
         self._is_started = self._is_closed = False
-        self._generators: list[np.random.Generator] = []  # empty before the first reset
+        self._generators: list[Rng] = []  # empty before the first reset
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)
 
     def reset(
-        self, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
+        self, seed: int | None = None, options: AnyMapping | None = None
+    ) -> tuple[dict[str, AgentObservation], AnyDict]:
         """Starts every game.
 
         Args:
@@ -109,7 +110,8 @@ class BatchedGames:
             Observations by agent, and infos.
         """
         check_open(closed=self._is_closed)
-        seed, (choice, intent) = checked_seed(seed), reset_options(options)
+        seed = checked_seed(seed)
+        choice, intent = reset_options(options)
         task = None if choice is None else self._games.index_of(choice)
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + index for index in range(self.num_games)]
@@ -125,7 +127,8 @@ class BatchedGames:
 
     def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
-        game, generators = self._game, [self._generators[index] for index in indices.tolist()]
+        game = self._game
+        generators = [self._generators[index] for index in indices.tolist()]
         if task is None and self._sampler is not None:
             tasks = self._sampled(indices)
         else:
@@ -137,7 +140,8 @@ class BatchedGames:
     def _sampled(self, indices: Int64Array) -> Int64Array:
         """(k,) the sampler's tasks for games (k,). Raises ValueError for anything but k task indices."""
         assert self._sampler is not None
-        tasks, count = np.asarray(self._sampler(indices)), len(self.tasks)
+        tasks = np.asarray(self._sampler(indices))
+        count = len(self.tasks)
         if tasks.shape != indices.shape or tasks.dtype.kind not in "iu" or ((tasks < 0) | (tasks >= count)).any():
             raise ValueError(f"the sampler must return {len(indices)} task indices 0 .. {count - 1}, not {tasks!r}")
         return tasks.astype(np.int64, copy=False)
@@ -162,10 +166,11 @@ class BatchedGames:
         moved = games.movers.copy()
         games.step(proposers, verifiers)
         self._own_turn_rewards = np.where(moved, 0.0, self._own_turn_rewards) + games.rewards
-        rewards: dict[str, NDArray[np.float64]] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
-        terminated, truncated = games.terminated.copy(), games.truncated.copy()
+        rewards: dict[str, Float64Array] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
+        terminated = games.terminated.copy()
+        truncated = games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
-        infos: dict[str, Any] = {
+        infos: AnyDict = {
             "own_turn_rewards": self._own_turn_rewards.T.copy(),
             "verdict": games.verdicts,
             "is_success": games.successes,
@@ -178,7 +183,7 @@ class BatchedGames:
         infos |= self._infos()
         return self._observations(), rewards, terminated, truncated, infos
 
-    def _infos(self) -> dict[str, Any]:
+    def _infos(self) -> AnyDict:
         """The info entries of the games now in play."""
         games = self._games
         infos = {"turns": games.movers.T.copy(), "task_index": games.tasks.copy(), "proposal": games.proposals.copy()}
@@ -206,7 +211,7 @@ class BatchedGames:
     def _observations(self) -> dict[str, AgentObservation]:
         return self._games.observe_both(self._all, copy=self._copies)
 
-    def _final_infos(self, ended: Int64Array) -> dict[str, Any]:
+    def _final_infos(self, ended: Int64Array) -> AnyDict:
         """The info entries for games (k,) that have just ended."""
         observations: list[dict[str, AgentObservation] | None] = [None] * self.num_games
         infos: list[dict[str, Info] | None] = [None] * self.num_games

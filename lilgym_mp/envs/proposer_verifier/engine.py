@@ -26,12 +26,12 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import Int8Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Int8Array, Rng, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
 
-ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
-INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
+ROLES = {AGENTS[role]: role for role in Role}
+INTENTS = {intent.name.lower(): intent for intent in Intent}
 NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
 RESET_OPTIONS = ("task", "intent")
 Layer = Callable[[Role, AgentObservation], AgentObservation]  # a wrapper of every environment around an engine
@@ -77,7 +77,7 @@ class GameEngine:
     def __init__(self, game: Game, render_mode: str | None = None) -> None:
         self.game = game
         self.games = ObservedGames(game, 1)
-        self._rng: np.random.Generator | None = None  # made when it is first needed
+        self._rng: Rng | None = None  # made when it is first needed
         self._is_seeded = False
         self._renderer = make_renderer(render_mode)
         self.render_mode = render_mode
@@ -86,12 +86,12 @@ class GameEngine:
         self._is_started = self._is_closed = False
         self._last_actions = ""  # as text, for the caption
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> AnyDict:
         """Copies of a game that was never seeded draw tasks on their own."""
         return vars(self) | ({} if self._is_seeded else {"_rng": None})
 
     @property
-    def rng(self) -> np.random.Generator:
+    def rng(self) -> Rng:
         """The generator of the game's random numbers; made from entropy unless `reset` got a seed."""
         if self._rng is None:
             self._rng, _ = seeding.np_random()
@@ -117,7 +117,7 @@ class GameEngine:
         """The agents to act; empty before the first reset and after the end."""
         return self.games.movers_of(0)
 
-    def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
+    def reset(self, seed: int | None, options: AnyMapping | None) -> tuple[Info, Info]:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
         Options: "task", an id or a `Task`; "intent", "helpful" or "deceptive".
@@ -131,7 +131,8 @@ class GameEngine:
             self.games = ObservedGames(game, 1)
         chosen = None if choice is None else self.games.index_of(choice)
         if seed is not None:
-            (self._rng, _), self._is_seeded = seeding.np_random(seed), True
+            self._rng, _ = seeding.np_random(seed)
+            self._is_seeded = True
         task = game.sample_task_index(self.rng) if chosen is None else chosen
         intent = game.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
@@ -150,7 +151,8 @@ class GameEngine:
         Raises ResetNeeded before reset and after the end, TurnError for None from an agent that is to move, ActionError
         for an action outside the action space.
         """
-        games, movers = self.games, self.movers
+        games = self.games
+        movers = self.movers
         if not movers or self._is_closed:
             self._check_started()
             raise ResetNeeded("the game is over; call reset before acting")
@@ -202,7 +204,9 @@ class GameEngine:
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        mdp, outcome, horizon = self.state.mdp, self.games.last_outcome(0), self.game.dynamics.horizon
+        mdp = self.state.mdp
+        outcome = self.games.last_outcome(0)
+        horizon = self.game.dynamics.horizon
         lines = [
             mdp.task.statement,
             f"Make it {str(mdp.task.target).lower()}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
@@ -223,7 +227,7 @@ class GameEngine:
 class BaseGameEnv:
     """Spaces, the current task, names of actions, and the image as PettingZoo's global state."""
 
-    metadata: dict[str, Any] = {
+    metadata: AnyDict = {
         "name": "proposer_verifier_v0",
         "render_modes": list(RENDER_MODES),
         "render_fps": RENDER_FPS,
@@ -325,7 +329,8 @@ class BaseGameEnv:
 
     def read_action(self, agent: str, name: str) -> int:
         """The inverse of `describe_action`, ignoring case and white space. Raises ActionError."""
-        game, role = self.engine.game, role_of(agent)
+        game = self.engine.game
+        role = role_of(agent)
         names = [game.describe(role, action) for action in range(game.action_counts[role])]
         known = list(map(_normalised, names))
         if _normalised(name) not in known:

@@ -13,10 +13,11 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult, rol
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.scene.arrays import AnyDict
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 
-ParallelStep = tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]
+ParallelStep = tuple[AnyDict, dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]
 
 
 class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
@@ -33,7 +34,7 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
 
     _pending: int | None = None  # simultaneous protocol: the proposer's action, until the verifier acts
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+    def reset(self, seed: int | None = None, options: AnyDict | None = None) -> None:
         """Starts a game.
 
         Args:
@@ -126,9 +127,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         settings: The fields of GameSettings.
     """
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Info]]:
+    def reset(self, seed: int | None = None, options: AnyDict | None = None) -> tuple[AnyDict, dict[str, Info]]:
         """Starts a game.
 
         Args:
@@ -173,7 +172,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
             self._with_masks(infos),
         )
 
-    def _observations(self) -> dict[str, Any]:
+    def _observations(self) -> AnyDict:
         nested = self.engine.observe_both()
         return {agent: self._shown(agent, nested[agent]) for agent in AGENTS} if self._is_vector else nested
 

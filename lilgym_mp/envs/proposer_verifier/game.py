@@ -36,7 +36,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, View
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene.actions import checked_index, describe
-from lilgym_mp.scene.arrays import BoolArray, Int8Array
+from lilgym_mp.scene.arrays import BoolArray, Int8Array, Rng
 
 SILENCE = 0  # the empty message
 WAIT_NAME = "wait"
@@ -62,7 +62,8 @@ class DecisionTable:
         self.decisions = tuple(found)
         mdp_moves, needs_answer, accepted, _ = zip(*self.decisions, strict=True)
         # By index of the decision; verdicts: 1 accepts the claim, 0 rejects it, NO_CHOICE without a claim
-        self.mdp_moves, self.needs_answer = np.array(mdp_moves, np.int64), np.array(needs_answer)
+        self.mdp_moves = np.array(mdp_moves, np.int64)
+        self.needs_answer = np.array(needs_answer)
         self.verdicts = np.array([NO_CHOICE if accepts is None else accepts for accepts in accepted], np.int64)
         results = dynamics.step_results
         self.no_mdp_step = len(results)  # index used for the StepResult if the MDP takes no step
@@ -88,9 +89,11 @@ class SpaceSizes(NamedTuple):
     @classmethod
     def of(cls, tasks: TaskSet, dynamics: Dynamics) -> Self:
         """The sizes for the statements and starts of these tasks."""
-        training, played = statements_of(training_tasks(tasks)), statements_of(tasks)
+        training = statements_of(training_tasks(tasks))
+        played = statements_of(tasks)
         longest = max(len(statement.encode()) for statement in played)
-        vocabulary, length = Vocabulary.from_statements(training), default_length([*played, *training])
+        vocabulary = Vocabulary.from_statements(training)
+        length = default_length([*played, *training])
         return cls(vocabulary, length, longest, item_capacity(tasks, dynamics))
 
 
@@ -107,7 +110,8 @@ class Game:
         """Raises ValueError naming the value and the choices, CorpusError for unusable tasks."""
         settings.check()
         self.settings = settings
-        self.protocol, self.dynamics = PROTOCOLS[settings.protocol], settings.dynamics()
+        self.protocol = PROTOCOLS[settings.protocol]
+        self.dynamics = settings.dynamics()
         self.views = settings.views_by_role()
         self.message_sizes = settings.message_sizes()  # number of messages besides silence
         self.reveals_truth = settings.reveal_truth  # in infos
@@ -129,7 +133,8 @@ class Game:
 
         Raises ValueError for tasks of another appearance.
         """
-        own, given = self.tasks.provenance.appearance, tasks.provenance.appearance
+        own = self.tasks.provenance.appearance
+        given = tasks.provenance.appearance
         if own != given:
             raise ValueError(f"the game is played on {own}; tasks of {given} do not fit it")
         other = copy(self)
@@ -150,11 +155,11 @@ class Game:
         other.views = (View(history=self.history_length),) * 2
         return other
 
-    def sample_task_index(self, rng: np.random.Generator) -> int:
+    def sample_task_index(self, rng: Rng) -> int:
         """The index of the next episode's task, uniformly drawn."""
         return int(rng.integers(len(self.tasks)))
 
-    def sample_intent(self, rng: np.random.Generator) -> Intent:
+    def sample_intent(self, rng: Rng) -> Intent:
         """The next episode's intent; uses `rng` only if intents are drawn."""
         if self.draws_intent and rng.random() < self.settings.deceptive_share:
             return Intent.DECEPTIVE
@@ -162,7 +167,8 @@ class Game:
 
     def _make_actions(self) -> None:
         """Numbers the actions, and makes the masks that do not depend on the scene."""
-        table, self.turn_based = self.decision_table, self.protocol.turn_based
+        table = self.decision_table
+        self.turn_based = self.protocol.turn_based
         first = STOP_ACTION if self.protocol.proposer_may_stop else STOP_ACTION + 1
         # Legal in an agent's turn; "wait" follows them.
         self.choices = range(first, self.dynamics.appearance.action_count), range(len(self.protocol.answers))
@@ -184,7 +190,8 @@ class Game:
 
     def proposer_masks(self, legal: BoolArray) -> Int8Array:
         """(..., actions) masks of proposers in their turn, new arrays, from the MDP's (..., choices)."""
-        messages, count = self.message_sizes[PROPOSER] + 1, self.action_counts[PROPOSER]
+        messages = self.message_sizes[PROPOSER] + 1
+        count = self.action_counts[PROPOSER]
         if legal.shape[-1] == count:
             masks = legal.astype(np.int8)
         else:

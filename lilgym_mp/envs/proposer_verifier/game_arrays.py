@@ -27,7 +27,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 EDIT = int(ProposalType.EDIT)
@@ -35,7 +35,7 @@ _MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether
 
 _FIRST, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)  # indices of games
 
-Info = dict[str, Any]
+Info = AnyDict
 Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)
 
 
@@ -68,7 +68,8 @@ class GameArrays:
     def __init__(self, game: Game, num_games: int) -> None:
         self.game = game
         dynamics = game.dynamics
-        actions, capacity = dynamics.appearance.action_count, game.sizes.item_capacity
+        actions = dynamics.appearance.action_count
+        capacity = game.sizes.item_capacity
         specs = buffer_specs(num_games, game.settings.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
         tasks = [*game.tasks, game.tasks[0]]  # with room for one that a caller chooses
@@ -84,7 +85,7 @@ class GameArrays:
         self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
-        self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role, whether the agent is to move
+        self.movers = np.zeros((len(Role), num_games), bool)  # (2, N) indexed by role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
         self.refused = np.full(num_games, NO_CHOICE)  # index of the action refused last, until an action is played
@@ -93,8 +94,8 @@ class GameArrays:
         self.history = np.full((num_games, game.history_length, 2 + len(Role)), NO_CHOICE)
         # Of the last turn, overwritten by the next one:
         self.rewards = np.zeros((len(Role), num_games))  # (2, N) indexed by role
-        self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
-        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role
+        self.terminated, self.truncated = np.zeros((2, num_games), bool)  # (N,) each
+        self._illegal = np.zeros((len(Role), num_games), bool)  # (2, N) indexed by role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
         self._results = np.full(num_games, table.no_mdp_step)  # indices of the step results
         self._distances = np.full(num_games, np.nan)  # to the goal, if rewards depend on it
@@ -117,18 +118,23 @@ class GameArrays:
 
     def step(self, proposers: Int64Array, verifiers: Int64Array, playing: Int64Array | None = None) -> None:
         """Plays one turn of games `playing` (k,), None for all; actions (N,) of agents out of turn are ignored."""
-        every, game, table = self._all if playing is None else playing, self.game, self.game.decision_table
+        every = self._all if playing is None else playing
+        game = self.game
+        table = self.game.decision_table
         choice, proposer_message = self._decode_actions(PROPOSER, proposers[every], every)
         answer, verifier_message = self._decode_actions(VERIFIER, verifiers[every], every)
-        proposal, is_answer = choice, 0
+        proposal = choice
+        is_answer = 0
         if game.turn_based:
             is_answer = _where(self.movers[VERIFIER, every], 1, 0)
             proposal = _where(is_answer, self.proposals[every], choice)
-        rejections, exchanges_spent = self._rejections[every], 0
+        rejections = self._rejections[every]
+        exchanges_spent = 0
         if game.has_free_rejections:
             exchanges_spent = _where(rejections >= game.settings.exchanges, 1, 0)
         decision = table.indices[is_answer, _where(proposal < EDIT, proposal, EDIT), answer, exchanges_spent]
-        mdp_move, needs_answer = table.mdp_moves[decision], table.needs_answer[decision]
+        mdp_move = table.mdp_moves[decision]
+        needs_answer = table.needs_answer[decision]
         holds = self._claims_hold(decision, every)
         result = self._step_mdps(mdp_move, proposal, every)
         self._decisions[every] = decision
@@ -136,7 +142,8 @@ class GameArrays:
         if game.goal_distance is not None:
             self._reward_progress(_games_where(mdp_move == PROPOSAL, every))
         results = self._mdp_results
-        self.terminated[every], self.truncated[every] = results.terminated[result], results.truncated[result]
+        self.terminated[every] = results.terminated[result]
+        self.truncated[every] = results.truncated[result]
         is_active = self._continues[result]
         if game.has_free_rejections:
             self._rejections[every] = _where(mdp_move == NOTHING, rejections + ~needs_answer, 0)
@@ -169,7 +176,9 @@ class GameArrays:
 
     def _decode_actions(self, role: Role, actions: Any, every: Any) -> tuple[Any, Any]:
         """By game: the choices, NO_CHOICE if out of turn or illegal; the messages, None if `role` has none."""
-        movers, size, own = self.movers[role, every], self.game.message_sizes[role], self.game.choices[role]
+        movers = self.movers[role, every]
+        size = self.game.message_sizes[role]
+        own = self.game.choices[role]
         choice, message = np.divmod(actions, size + 1) if size else (actions, None)
         is_legal = movers & (choice >= own.start) & (choice < own.stop)
         wait_action = self.game.wait_actions[role]
@@ -192,7 +201,8 @@ class GameArrays:
         buffers = self._buffers
         buffers.action[every] = _where(mdp_move == STOP, STOP_ACTION, proposal)
         buffers.result[every] = self.game.decision_table.no_mdp_step
-        acting, waiting = _games_where(mdp_move >= PROPOSAL, every), _games_where(mdp_move == WAIT, every)
+        acting = _games_where(mdp_move >= PROPOSAL, every)
+        waiting = _games_where(mdp_move == WAIT, every)
         if len(acting):
             self._core.step(None if len(acting) == len(buffers.action) else acting)
             self._has_masks = self._has_items = False
@@ -259,7 +269,8 @@ class GameArrays:
 
     def proposed_scene(self, index: int) -> Scene:
         """The scene of a game after the pending proposal; the current one if that is none, STOP or invalid."""
-        mdp, proposal = self.mdp(index), int(self.proposals[index])
+        mdp = self.mdp(index)
+        proposal = int(self.proposals[index])
         if proposal <= STOP_ACTION:
             return mdp.scene
         dynamics = self.game.dynamics
@@ -272,14 +283,16 @@ class GameArrays:
 
     def infos(self, index: int) -> tuple[Info, Info]:
         """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
-        illegal, is_over = self._illegal[:, index].tolist(), self.terminated[index] or self.truncated[index]
+        illegal = self._illegal[:, index].tolist()
+        is_over = self.terminated[index] or self.truncated[index]
         if not (is_over or self.game.reveals_truth or any(illegal)):
             return {}, {}
         shared = self.truth_info(index)
         if shared and (judgement := self.last_judgement(index)) is not None:
             shared["judgement"] = {"accepted": judgement.accepted, "holds": judgement.holds}
         if is_over:
-            reason, outcome = int(self._buffers.invalid[index]), self.last_outcome(index)
+            reason = int(self._buffers.invalid[index])
+            outcome = self.last_outcome(index)
             assert outcome is not None
             shared |= end_info(outcome, None if reason == NO_REASON else INVALID_REASONS[reason])
         proposer, verifier = ({**shared, "illegal_choice": True} if wrong else shared.copy() for wrong in illegal)
@@ -298,7 +311,8 @@ class GameArrays:
 
     def last_outcome(self, index: int) -> Outcome | None:
         """The MDP's outcome in the last turn of a game; None if it took no step."""
-        results, result = self.game.dynamics.step_results, self._results[index]
+        results = self.game.dynamics.step_results
+        result = self._results[index]
         return results[result].outcome if result < len(results) else None
 
     def last_judgement(self, index: int) -> Judgement | None:
@@ -314,7 +328,7 @@ class GameArrays:
     @property
     def holds(self) -> BoolArray:
         """(N,) `Judgement.holds` in the last turn; valid only where judged, and if the settings reveal the truth."""
-        return self._holds.astype(np.bool_)
+        return self._holds.astype(bool)
 
     @property
     def successes(self) -> BoolArray:

@@ -16,7 +16,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.resampling import drawn_counts, percentile_interval
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, BoolArray, Float64Array, Int64Array
 
 LARGEST_BATCH = 1024
 RESAMPLES = 1_000
@@ -76,7 +76,7 @@ class Metrics:
     j: float | None  # Youden's J, the rates' difference: mean over targets, None unless each has true and false claims
     j_interval: Interval | None
     accepted_false_claims: float  # share of games that end in an accepted false claim
-    by_target: Mapping[str, Mapping[str, Any]]  # games, success_rate, both rates and j by "true" and "false", if played
+    by_target: Mapping[str, AnyMapping]  # games, success_rate, both rates and j by "true" and "false", if played
 
 
 def play_games(
@@ -106,18 +106,21 @@ def _play_batch(
     game: Game, partners: tuple[Partner, Partner], tasks: Int64Array, numbers: Int64Array, seed: int
 ) -> list[GameRecord]:
     """The records of games (k,) of these tasks and numbers; a game that has ended goes on, unrecorded."""
-    count, games = len(tasks), ObservedGames(game, len(tasks))
+    count = len(tasks)
+    games = ObservedGames(game, len(tasks))
     rngs = [np.random.default_rng([seed, number]) for number in numbers.tolist()]
     intents = np.array([int(game.sample_intent(rng)) for rng in rngs], np.int64)
     games.start(np.arange(count), tasks, intents)
-    returns, judgements = np.zeros((len(Role), count)), [list[Judgement]() for _ in rngs]
+    returns = np.zeros((len(Role), count))
+    judgements = [list[Judgement]() for _ in rngs]
     records: dict[int, GameRecord] = {}
-    active = np.ones(count, np.bool_)
+    active = np.ones(count, bool)
     illegal = game.dynamics.rules.signals[Outcome.INVALID_ACTION].reward
 
     def record(index: int, outcome: Outcome | str) -> None:
         task = game.tasks[int(tasks[index])]
-        earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
+        earned = tuple(returns[:, index].tolist())
+        rounds = int(games.rounds[index])
         judged = tuple(judgements[index])
         records[index] = GameRecord(task.id, task.statement, task.target, outcome, rounds, earned, judged)
 
@@ -159,7 +162,7 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     resampled = np.einsum("bs,stc->btc", drawn_counts(len(counts), RESAMPLES), counts)  # statements with replacement
     j, js = (mean_j(each, each[..., 0] > 0) for each in (total, resampled))
     has_j = not np.isnan(j)
-    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
+    measures: AnyDict = {**_measures(total.sum(0)), "j": float(j) if has_j else None}
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
     return Metrics(
         **measures,
@@ -192,12 +195,14 @@ def claim_rates(counts: Float64Array) -> dict[str, Float64Array]:
     """(...) the rates from counts (..., 6); NaN without games, or true or false claims, to compute them from."""
     games, successes, true, true_accepted, false, false_accepted = np.moveaxis(counts, -1, 0)
     with np.errstate(invalid="ignore"):
-        success, true_accepts, false_accepts = successes / games, true_accepted / true, false_accepted / false
+        success = successes / games
+        true_accepts = true_accepted / true
+        false_accepts = false_accepted / false
     names = ("success_rate", "true_accept_rate", "false_accept_rate", "j")
     return dict(zip(names, (success, true_accepts, false_accepts, true_accepts - false_accepts), strict=True))
 
 
-def _measures(counts: Float64Array) -> dict[str, Any]:
+def _measures(counts: Float64Array) -> AnyDict:
     """The measures that counts (6,) determine, None for NaN."""
     rates = {name: None if np.isnan(rate) else float(rate) for name, rate in claim_rates(counts).items()}
     return {"games": int(counts[0]), **rates}

@@ -23,11 +23,13 @@ from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.sampling import checked_task, naming
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, UInt8Array
 from lilgym_mp.scene.render import draw
 
-PARTS, MASK, IMAGE = "observation", "action_mask", "image"
-AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
+PARTS = "observation"
+MASK = "action_mask"
+IMAGE = "image"
+AgentObservation = AnyDict  # {"observation": {key: array}, "action_mask": int8 (actions,)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,8 @@ class ObservedGames(GameArrays):
 
     def _parts_of(self, role: Role) -> Iterator[tuple[str, Any, Part]]:
         """Key, kind and part of what an agent sees; parts of one key and kind are equal."""
-        game, sizes = self.game, self.game.sizes
+        game = self.game
+        sizes = self.game.sizes
         view = game.views[role]
         if view.scene != "none":
             # SB3 uses the keys in a torch ModuleDict, so a key must not be the name of one of its methods ("items").
@@ -183,7 +186,8 @@ class ObservedGames(GameArrays):
             return target
         if name == "text":
             return as_bytes(statement, sizes.max_statement_bytes)
-        length, count = sizes.statement_length, len(words(statement))
+        length = sizes.statement_length
+        count = len(words(statement))
         if count > length:
             raise ValueError(f"its statement has {count} words, and observations have room for {length}")
         return sizes.vocabulary.encode(statement, length)
@@ -198,7 +202,8 @@ class ObservedGames(GameArrays):
         if is_new.any() if is_new.ndim else is_new:
             for action in np.unique(actions).tolist():
                 if action != NO_CHOICE:
-                    self._released_table[action], self._is_new[action] = self._released_array(action), False
+                    self._released_table[action] = self._released_array(action)
+                    self._is_new[action] = False
         return self._released_table.take(actions, axis=0)
 
     def _released(self, name: str, indices: Indices) -> Any:

@@ -22,7 +22,7 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.scene.actions import ActionError
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float64Array, Int8Array, Int64Array, Rng
 from lilgym_mp.scene.choices import choose
 
 
@@ -36,7 +36,7 @@ class PartnerTurn:
 
     games: ObservedGames
     role: Role
-    rng: np.random.Generator
+    rng: Rng
     index: int = 0  # of the game
     observe: Callable[[Role], AgentObservation] | None = None  # the observation as wrappers change it
 
@@ -56,7 +56,7 @@ class PartnerTurn:
         return self.games.observe(self.role, self.index) if self.observe is None else self.observe(self.role)
 
     @property
-    def observation(self) -> dict[str, Any]:
+    def observation(self) -> AnyDict:
         """The observation without the mask."""
         return self.full_observation[PARTS]
 
@@ -88,7 +88,7 @@ class BatchTurn:
     role: Role
     indices: Int64Array  # (k,) of the games in the batch
     episodes: Int64Array  # (k,) a number for each game, never used again: for partners that keep a plan
-    rngs: Sequence[np.random.Generator]  # (k,) each game's own
+    rngs: Sequence[Rng]  # (k,) each game's own
     endings: dict[int, str] = field(default_factory=dict[int, str])  # outcomes, by index, of games that a partner ends
 
     @classmethod
@@ -238,7 +238,7 @@ class OracleVerifier(BatchPartner):
             raise ValueError(f"error_rate must be between 0 and 1, not {self.error_rate!r}")
 
     def batch(self, turn: BatchTurn) -> Int64Array:
-        errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), np.bool_)
+        errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), bool)
         return turn.answers(turn.is_edit | (turn.goals_reached() != errs))
 
 
@@ -276,7 +276,8 @@ class ClaimingProposer:
     intent: Intent | None = None
 
     def __call__(self, turn: PartnerTurn) -> int:
-        state, game = turn.state, turn.game
+        state = turn.state
+        game = turn.game
         seeks_truth = (state.intent if self.intent is None else self.intent) is Intent.HELPFUL
         edits = state.mdp.steps
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)

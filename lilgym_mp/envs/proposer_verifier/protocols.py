@@ -106,7 +106,8 @@ def _veto(turn: TurnInput, rejection: MDPMove = MDPMove.WAIT) -> TurnDecision:
         if turn.proposal is ProposalType.NONE:
             return TurnDecision(MDPMove.WAIT)
         return TurnDecision(MDPMove.NOTHING, needs_answer=True)
-    claims, accepts = turn.proposal is ProposalType.STOP, turn.answer == ACCEPT
+    claims = turn.proposal is ProposalType.STOP
+    accepts = turn.answer == ACCEPT
     mdp_move = _MOVES[turn.proposal] if accepts else rejection
     return TurnDecision(mdp_move, accepted=accepts if claims else None, final=accepts and claims)
 
@@ -126,7 +127,7 @@ def _audit(turn: TurnInput) -> TurnDecision:
     return TurnDecision(_MOVES[turn.proposal])
 
 
-PROTOCOLS: dict[str, GameProtocol] = {
+PROTOCOLS = {
     protocol.name: protocol
     for protocol in (
         GameProtocol(

@@ -8,11 +8,12 @@ from dataclasses import KW_ONLY, asdict, dataclass, fields
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
-from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Rewards, checked_number
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.arrays import AnyDict
+from lilgym_mp.scene.choices import checked_count, choose
 from lilgym_mp.scene.render import shrink_of
 
 ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
@@ -45,7 +46,7 @@ class View:
         checked_count("history of a view", self.history, least=0)
 
 
-VIEWS: Mapping[str, View] = {"image": View(), "structured": View(scene="structured")}
+VIEWS = {"image": View(), "structured": View(scene="structured")}
 GUIDE = "guide"  # preset of both views: the verifier must tell the proposer what to do
 VIEWS_HELP = (
     f"{', '.join(VIEWS)}, {GUIDE} (the proposer sees no statement), or JSON of a view's fields, for both agents or by"
@@ -119,7 +120,7 @@ class GameSettings(EnvConfig):
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The game's identity: no split, image size or infos, and no views in which both agents see everything.
 
         Raises:

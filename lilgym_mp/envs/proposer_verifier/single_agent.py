@@ -14,12 +14,12 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.partners import Partner, PartnerTurn, checked_partner, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import Role
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, UInt8Array
 
 MAX_RESETS = 1_000  # consecutive games that may end before the agent has had a turn
 
 
-class SingleAgentView(gym.Env[dict[str, Any], int]):
+class SingleAgentView(gym.Env[AnyDict, int]):
     """Plays `agent` against `partner`, for training one side with Stable-Baselines3.
 
     Observation: what the agent sees, without the mask; `action_masks()` returns that, as MaskablePPO expects.
@@ -27,7 +27,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     info["skipped_games"] after reset counts them.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
+    metadata: AnyDict = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
         """Takes the game over: do not step it elsewhere.
@@ -59,11 +59,9 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self.action_space = cast("spaces.Space[int]", game_env.action_space(agent))
         self._observations: dict[Role, AgentObservation] = {}  # of this turn, as far as known
         self._reward = 0.0  # since the agent's last action, like the info
-        self._info: dict[str, Any] = {}
+        self._info: AnyDict = {}
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: AnyDict | None = None) -> tuple[AnyDict, AnyDict]:
         """Starts a game in which the agent has a turn.
 
         Args:
@@ -83,7 +81,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
                 return self.observe(self._role)[PARTS], self._info | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
-    def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: SupportsIndex) -> tuple[AnyDict, SupportsFloat, bool, bool, AnyDict]:
         """Takes the agent's action, and the partner's until it is the agent's turn again.
 
         Args:
@@ -97,14 +95,17 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             PartnerError: For an illegal action of the partner.
             ResetNeeded: Before reset and after the end.
         """
-        engine, role = self.engine, self._role
+        engine = self.engine
+        role = self._role
         actions = {role: engine.game.checked_action(role, action)}
         if role.other in engine.movers:
             actions[role.other] = self._partner_action()
-        self._reward, self._info = 0.0, {}
+        self._reward = 0.0
+        self._info = {}
         self._play(actions)
         self._play_partner()
-        terminated, truncated = bool(engine.games.terminated[0]), bool(engine.games.truncated[0])
+        terminated = bool(engine.games.terminated[0])
+        truncated = bool(engine.games.truncated[0])
         return self.observe(role)[PARTS], self._reward, terminated, truncated, self._info
 
     def _play(self, actions: dict[Role, int]) -> None:

@@ -26,6 +26,7 @@ from lilgym_mp.learning.common.model_file import (
     using_description,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
+from lilgym_mp.scene.arrays import AnyMapping, Strings
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ class Agent(ABC):
 
     @classmethod
     def describe(
-        cls, configurations: tuple[str, ...], supervision: str, recipe: Mapping[str, Any], details: Mapping[str, Any]
+        cls, configurations: Strings, supervision: str, recipe: AnyMapping, details: AnyMapping
     ) -> ModelDescription:
         """The description of an agent of this kind."""
         return ModelDescription(cls.kind, cls.version, configurations, supervision, recipe, details)

@@ -37,7 +37,7 @@ from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.places import Boxes, Cells, places_of
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array, Strings
 
 CHANNELS = 32  # channels of a patch
 MIDDLE_GREY = 127.5
@@ -120,7 +120,7 @@ class BoxTransformer(Model):
         self._cached_statements: dict[str, list[Tensor]] = {}
         self._cached_boxes: dict[int, tuple[Tensor, Tensor]] = {}  # by hash: vector and patches
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def clear_cache(self) -> None:
@@ -195,7 +195,7 @@ class BoxTransformer(Model):
         columns = zip(*[self._cached_boxes[box_hash] for box_hash in hashes], strict=True)
         return EncodedBoxes(*map(torch.stack, columns))
 
-    def _encode_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
+    def _encode_statements(self, statements: Strings) -> StatementEncodings:
         """The statements encoded; without gradients, encodings are cached until `clear_cache`."""
         if torch.is_grad_enabled():
             return self._compute_statements(statements)
@@ -209,7 +209,7 @@ class BoxTransformer(Model):
                 self._cached_statements[statement] = [key_value[row, :count] for key_value in encodings.key_values]
         return StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
 
-    def _compute_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
+    def _compute_statements(self, statements: Strings) -> StatementEncodings:
         rows = [self.vocabulary.encode(one, MAX_WORDS) for one in statements]
         words = np.stack(rows)
         words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]

@@ -14,10 +14,9 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.scene.appearances.places import places_of
-from lilgym_mp.scene.arrays import Float64Array, Int64Array
+from lilgym_mp.scene.arrays import Float64Array, Int64Array, Rng
 from lilgym_mp.scene.grouping import grouped
 
-Rng = np.random.Generator
 Boxes = tuple[int, int, int]  # a scene as indices in the box table
 MAX_TRIES = 20  # random edits until one is legal
 LONGEST_WALK = 4  # edits from a start or a known scene
@@ -126,7 +125,7 @@ class Collector:
             if after is None:
                 return
             scene = after
-            edits = edits + 1
+            edits += 1
             before = index
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from torch import Tensor, nn
 
 from lilgym_mp.learning.common.factored_policy import Factorisation
 from lilgym_mp.learning.common.states import States
+from lilgym_mp.scene.arrays import AnyMapping
 
 
 class WeightsError(ValueError):
@@ -41,7 +41,7 @@ class Model(nn.Module):
     def clear_cache(self) -> None:
         """Call it when the weights have changed."""
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         """JSON details from which a model file's network is rebuilt."""
         return {}
 
@@ -75,7 +75,7 @@ class SeparateCritic(Model):
         self.actor.clear_cache()
         self.critic.clear_cache()
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         return self.actor.details()
 
     @property

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
 
 from lilgym_mp.evaluation.files import write_atomically
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-model"
@@ -40,17 +41,17 @@ class ModelDescription:
 
     kind: str  # the learner that wrote it, as named on the command line
     version: int  # version of the kind's own format
-    configurations: tuple[str, ...]  # configurations that it plays
+    configurations: Strings  # configurations that it plays
     supervision: str  # what it learnt from, for result tables
-    recipe: Mapping[str, Any] = field(default_factory=dict)  # hyperparameters
-    details: Mapping[str, Any] = field(default_factory=dict)  # specific to the kind, such as a vocabulary
+    recipe: AnyMapping = field(default_factory=dict)  # hyperparameters
+    details: AnyMapping = field(default_factory=dict)  # specific to the kind, such as a vocabulary
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The description stored in the model file, with its format."""
         return {"format": FORMAT, "format_version": VERSION, **asdict(self)}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> ModelDescription:
+    def from_json(cls, data: AnyMapping) -> ModelDescription:
         """Inverse of `to_json`. Raises ValueError, TypeError, KeyError."""
         fields = dict(data)
         found = fields.pop("format"), fields.pop("format_version")

@@ -14,7 +14,7 @@ from lilgym_mp.evaluation.policies import PolicyOutput
 from lilgym_mp.perception import read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, Rng, UInt8Array, one_hot
 from lilgym_mp.scene.render import draw
 
 
@@ -58,7 +58,7 @@ class PlanPolicy(Policy):
         self._episode_plans: dict[int, _EpisodePlan] = {}
         self._latest: list[Plan] = []  # (B,) of the latest call
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         dynamics = self.planner.dynamics
         chosen: list[int] = []
         self._latest = []

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
+from random import Random
 from typing import NamedTuple
 
 import torch
@@ -43,7 +43,7 @@ class ExamplePool:
     def __len__(self) -> int:
         return len(self._examples)
 
-    def sample(self, rng: random.Random) -> Pair:
+    def sample(self, rng: Random) -> Pair:
         """A random pair. Raises TrainingRunError when no example has a program the parser can write."""
         while self._examples:
             index = rng.randrange(len(self._examples))
@@ -78,7 +78,7 @@ def pairs_of(examples: Iterator[Example], known: Collection[str]) -> Iterator[Pa
             yield pair
 
 
-PairSource = Callable[[random.Random], Pair]
+PairSource = Callable[[Random], Pair]
 
 
 class ProgramTrainer:
@@ -91,7 +91,7 @@ class ProgramTrainer:
         corpus: PairSource,
         generated: PairSource | None,
         indices: Callable[[Pair], tuple[list[int], list[int]]],
-        rng: random.Random,
+        rng: Random,
     ) -> None:
         """`indices`: the word and token indices of a pair."""
         self.network = network
@@ -123,7 +123,10 @@ class ProgramTrainer:
 
     def _sampled(self) -> Iterator[tuple[Tensor, Tensor, Slots]]:
         """Infinite `_batch`es of pairs of similar length; the fraction of generated ones falls linearly."""
-        recipe, size, rng, generated = self._recipe, self._recipe.batch_size, self._rng, self._generated
+        recipe = self._recipe
+        size = self._recipe.batch_size
+        rng = self._rng
+        generated = self._generated
         while True:
             fraction = recipe.generated * (1 + (FINAL_GENERATED - 1) * self._done) if generated else 0.0
             chosen = (generated if generated and rng.random() < fraction else self._corpus for _ in range(POOL * size))

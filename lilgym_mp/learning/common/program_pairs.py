@@ -6,10 +6,10 @@ the program language are symmetric in the colours, so the parser need not learn 
 
 from __future__ import annotations
 
-import random
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.corpus.spelling import normalised_words
@@ -19,6 +19,7 @@ from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities,
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.arrays import Strings
 
 APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # first word of each normalised statement
 MAX_NUMBER = 7  # largest number in an augmented statement
@@ -61,7 +62,7 @@ def _exchange_of_tokens(kind: str, exchange: Exchange) -> dict[str, str]:
 class SymbolTable:
     """Indices of symbols, from 1; 0 is padding."""
 
-    symbols: tuple[str, ...]
+    symbols: Strings
 
     @cached_property
     def _indices(self) -> dict[str, int]:
@@ -102,14 +103,14 @@ TOKENS = TokenTable(tuple(token_arities()))  # of newly trained networks
 class Pair(NamedTuple):
     """A normalised statement and the tokens of its program, with colours in standard order."""
 
-    words: tuple[str, ...]
-    tokens: tuple[str, ...]
+    words: Strings
+    tokens: Strings
 
 
 class NormalisedStatement(NamedTuple):
     """The parser's input."""
 
-    words: tuple[str, ...]  # the appearance word, then the statement with colours in standard order
+    words: Strings  # the appearance word, then the statement with colours in standard order
     exchange: Mapping[str, str]  # original colour -> standard colour
 
 
@@ -136,7 +137,7 @@ def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
     return compile_program(source_of(tree)).source
 
 
-def varied(pair: Pair, shapes: float, numbers: float, rng: random.Random) -> Pair:
+def varied(pair: Pair, shapes: float, numbers: float, rng: Random) -> Pair:
     """Augmentation: exchanges shapes and numbers at random where statement and program name the same ones.
 
     `shapes`, `numbers`: the fractions of the pairs in which they are exchanged.
@@ -148,7 +149,7 @@ def varied(pair: Pair, shapes: float, numbers: float, rng: random.Random) -> Pai
     return pair
 
 
-def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
+def _with_other_shapes(pair: Pair, rng: Random) -> Pair:
     in_words = {shape for shape in SHAPES if shape in pair.words or f"{shape}s" in pair.words}
     in_program = {shape for shape in SHAPES if {f"is_{shape}(1)", f"Shape.{shape.upper()}"} & {*pair.tokens}}
     if in_words != in_program or not in_words:
@@ -158,7 +159,7 @@ def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
     return _exchanged(pair, {**names, **plurals, **_exchange_of_tokens("Shape", names)})
 
 
-def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
+def _with_other_numbers(pair: Pair, rng: Random) -> Pair:
     in_words = {word for word in pair.words if word.isdigit()}
     in_program = {token[1:] for token in pair.tokens if token.startswith("#")}
     if in_words != in_program or not in_words or "1" in in_words or "0" in in_words:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 from lilgym_mp.envs.config import option_name, setting
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.scene.appearances import part_of
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 from lilgym_mp.scene.choices import choose, flag_name
 
 
@@ -18,12 +19,13 @@ class Recipe:
 
     __slots__ = ()
     dashes: ClassVar[str] = ""  # before names in errors
-    by_appearance: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # settings that differ from the fields' defaults
+    by_appearance: ClassVar[Mapping[str, AnyMapping]] = {}  # settings that differ from the fields' defaults
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the first setting out of bounds, its value and its bounds or choices."""
         for each in self.settings():
-            value, (lowest, highest) = getattr(self, each.name), each.metadata["bounds"]
+            value = getattr(self, each.name)
+            lowest, highest = each.metadata["bounds"]
             name = self.dashes + flag_name(option_name(each))
             if each.metadata["choices"]:
                 choose(name, value, dict.fromkeys(each.metadata["choices"]))
@@ -41,18 +43,18 @@ class Recipe:
 
         Raises ValueError naming the choices, or a setting and its bounds.
         """
-        defaults: Mapping[str, Any] = {}
+        defaults: AnyMapping = {}
         if cls.by_appearance:
             appearance, _ = choose("configuration", configuration, CONFIGURATIONS)
             defaults = part_of(appearance, "recipe for this learner", cls.by_appearance)
         return cls(**{**defaults, **changes})
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """All settings by name."""
         return asdict(self)  # pyright: ignore[reportArgumentType]
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Self:
+    def from_json(cls, data: AnyMapping) -> Self:
         """Inverse of `to_json`. Raises ValueError naming an unknown setting, TypeError."""
         cls.check_known(data)
         return cls(**data)
@@ -82,7 +84,7 @@ class RunOptions(Recipe):
     dashes = "--"
 
     @classmethod
-    def remembered(cls, saved: Mapping[str, Any]) -> dict[str, Any]:
+    def remembered(cls, saved: AnyMapping) -> AnyDict:
         """The options, by name, that a saved run's identity or its own options contain."""
         kinds = {each.name: each.metadata["kind"] for each in cls.settings()}
         return {name: kind(saved[name]) for name, kind in kinds.items() if saved.get(name) is not None}

@@ -20,6 +20,7 @@ from torch import nn
 from lilgym_mp.learning.common.agents import Agent
 from lilgym_mp.learning.common.model_file import save_model, select_device, torch_threads
 from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0  # CPU time between lines of progress.jsonl
@@ -95,11 +96,11 @@ class TrainingRun(ABC):
         self.stop = StopRequest()
         self._progress_bytes: int | None = 0  # of the checkpoint that the run continues from; None: unknown
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         """The contents of a checkpoint besides the counters."""
         return {name: part.state_dict() for name, part in self.parts.items()}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         """Inverse of `state`; the counters have been restored."""
         for name, part in self.parts.items():
             part.load_state_dict(state[name])
@@ -116,7 +117,7 @@ class TrainingRun(ABC):
     def finish(self) -> Agent:
         """The trained agent, to be saved; the last checkpoint has been saved."""
 
-    def begin(self, identity: Mapping[str, Any], **options: Any) -> None:
+    def begin(self, identity: AnyMapping, **options: Any) -> None:
         """Begins or reopens the run directory, and remembers the budget and these options. Raises TrainingRunError."""
         self.files = begin_run(self.out, identity, resume=self.resume)
         self._options = {**self.budget.options(), **options}

@@ -14,7 +14,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
 from lilgym_mp.evaluation.recording_metadata import metadata
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
 try:
     import fcntl
@@ -51,9 +52,9 @@ class RunDirectory:
     """The files of one run."""
 
     path: Path
-    identity: dict[str, Any]
-    options: dict[str, Any]  # what a resumed run may change, such as its budget, as last requested
-    made: dict[str, Any]  # date, command, commit, machine and versions when it was begun
+    identity: AnyDict
+    options: AnyDict  # what a resumed run may change, such as its budget, as last requested
+    made: AnyDict  # date, command, commit, machine and versions when it was begun
     finished: bool = False  # whether it spent its budget and saved its agent
 
     @property
@@ -107,7 +108,7 @@ class RunDirectory:
         content = {"format": FORMAT, "version": VERSION, "identity": self.identity, "options": self.options}
         write_json(self.path / RUN_FILE, {**content, "finished": finished, "made": self.made})
 
-    def save_checkpoint(self, state: Mapping[str, Any]) -> None:
+    def save_checkpoint(self, state: AnyMapping) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
         import torch
 
@@ -116,7 +117,7 @@ class RunDirectory:
         write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: unfinished.write_bytes(data.getbuffer()))
 
     @contextmanager
-    def checkpoint(self, device: torch.device | str = "cpu") -> Iterator[dict[str, Any]]:
+    def checkpoint(self, device: torch.device | str = "cpu") -> Iterator[AnyDict]:
         """The latest checkpoint; never executes the file's contents. Raises TrainingRunError if it is damaged, or the
         block cannot use it."""
         import torch
@@ -129,13 +130,13 @@ class RunDirectory:
         except Exception as error:  # a damaged file causes errors of any kind
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this run: {first_line(error)}") from None
 
-    def record(self, line: Mapping[str, Any], file: str = PROGRESS_FILE) -> None:
+    def record(self, line: AnyMapping, file: str = PROGRESS_FILE) -> None:
         """Appends a line to a file of JSON lines."""
         with (self.path / file).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(line) + "\n")
 
 
-def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> RunDirectory:
+def begin_run(path: Path, identity: AnyMapping, *, resume: bool = False) -> RunDirectory:
     """A new run in an empty or new directory, or with `resume` the one already there.
 
     `identity`: everything a resumed run must share, as JSON. Raises TrainingRunError when the directory is in use or
@@ -156,7 +157,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     return run
 
 
-def check_same(path: Path, saved: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
+def check_same(path: Path, saved: AnyMapping, requested: AnyMapping) -> None:
     """Raises TrainingRunError naming the first setting requested that the run in the directory has otherwise."""
     for name, kept, value in _differences(saved, requested):
         raise TrainingRunError(
@@ -165,7 +166,7 @@ def check_same(path: Path, saved: Mapping[str, Any], requested: Mapping[str, Any
         )
 
 
-def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+def _differences(saved: AnyMapping, requested: AnyMapping) -> Iterator[tuple[str, Any, Any]]:
     """Name, saved and requested value of each setting that differs, nested ones included."""
     for name, value in requested.items():
         kept = saved.get(name)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 
-import numpy as np
-
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.envs.checks import checked_count
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
+from lilgym_mp.scene.arrays import Rng
+from lilgym_mp.scene.choices import checked_count
 
 
 class StatementSampler:
@@ -46,7 +45,7 @@ class StatementSampler:
         self._episodes = same_statement * checked_count("statement_episodes", statement_episodes)
         self._left: dict[int, tuple[int, int]] = {}  # by group: its statement, and how many more episodes play it
 
-    def __call__(self, generator: np.random.Generator, env_id: int) -> str:
+    def __call__(self, generator: Rng, env_id: int) -> str:
         """The id of the next task."""
         group = env_id // self.same_statement
         statement, left = self._left.get(group, (0, 0))

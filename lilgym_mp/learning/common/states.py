@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.envs.observation import items_of
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Scene
-from lilgym_mp.scene.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
+from lilgym_mp.scene.arrays import Int16Array, Int64Array, Strings, UInt8Array, UInt64Array
 from lilgym_mp.scene.render import draw, image_shape
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
@@ -26,7 +26,7 @@ _BOX_BYTES = SIDE * SIDE * 3
 class States(NamedTuple):
     """N states with S distinct statements, U distinct boxes and Q distinct patches, all of them used."""
 
-    statements: tuple[str, ...]  # S
+    statements: Strings  # S
     patches: UInt8Array  # (Q, 300) pixels in row-major order
     patches_of: Int64Array  # (U, 25) patch indices of each box in row-major order
     box_hashes: UInt64Array  # (U,) content hashes
@@ -99,7 +99,7 @@ class BoxImageTable:
         return indices[inverse].reshape(-1, PATCHES**2)
 
     def states(
-        self, statements: tuple[str, ...], statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
+        self, statements: Strings, statement_of: Int64Array, boxes_of: Int64Array, targets: Int64Array
     ) -> States:
         """`statement_of` (N,) indexes `statements`, some of which may be unused."""
         statements_used, statement_of = distinct(statement_of, len(statements))
@@ -124,7 +124,7 @@ class BoxImageTable:
 
 def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:
     """The sorted indices below `count` that occur, and `indices` (any shape) renumbered to refer to them."""
-    occurs = np.zeros(count, np.bool_)
+    occurs = np.zeros(count, bool)
     occurs[indices] = True
     return np.flatnonzero(occurs), (occurs.cumsum() - 1)[indices]
 

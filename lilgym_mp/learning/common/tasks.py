@@ -17,7 +17,7 @@ from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, Rng, Strings
 
 TRAINING_SPLIT = "train"
 MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced
@@ -50,11 +50,11 @@ class TrainingTasks:
 
     tasks: TaskSet  # for training
     from_empty: BoolArray  # (tasks,) Scratch tasks in a FlipIt run
-    validation: tuple[str, ...]  # held-out task ids of the corpus's train split
+    validation: Strings  # held-out task ids of the corpus's train split
     sha256: str  # SHA-256 of the corpus file
 
     @property
-    def statements(self) -> tuple[str, ...]:
+    def statements(self) -> Strings:
         """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
@@ -121,16 +121,16 @@ class TaskSampler:
         self._cumulative = (counts / counts.sum()).cumsum()  # statements weighted by their number of tasks
         self.current = np.full(recipe.envs // self._group, -1, np.int64)  # (groups,) statement index
 
-    def resample_statements(self, rng: np.random.Generator) -> None:
+    def resample_statements(self, rng: Rng) -> None:
         """Samples a statement for every group; it applies to episodes started from now on."""
         self.current = self.draw_statements(len(self.current), rng)
 
-    def draw_statements(self, count: int, rng: np.random.Generator) -> Int64Array:
+    def draw_statements(self, count: int, rng: Rng) -> Int64Array:
         """(count,) indices of statements."""
         indices = np.searchsorted(self._cumulative, rng.random(count), side="right")
         return np.minimum(indices, len(self.statements) - 1)
 
-    def sample(self, env_ids: Int64Array, rng: np.random.Generator) -> list[int]:
+    def sample(self, env_ids: Int64Array, rng: Rng) -> list[int]:
         """The index of the next task for each of the environments."""
         if self._group == 1:  # a new statement for each episode
             self.current[env_ids] = self.draw_statements(len(env_ids), rng)
@@ -139,7 +139,7 @@ class TaskSampler:
             sampled.append(self.draw_task(statement, rng))
         return sampled
 
-    def draw_task(self, statement: int, rng: np.random.Generator) -> int:
+    def draw_task(self, statement: int, rng: Rng) -> int:
         """The index of one of the statement's tasks."""
         main = self._main[statement]
         empty = self._empty[statement]

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from lilgym_mp.learning.common.optimisation import check_finite
 from lilgym_mp.learning.common.recipes import UpdateRecipe
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array, Rng
 
 EPSILON = 1e-8  # added to the standard deviation
 
@@ -81,7 +81,7 @@ def update(
     optimiser: torch.optim.Optimizer,
     recipe: UpdateRecipe,
     entropy_coefficient: float,
-    rng: np.random.Generator,
+    rng: Rng,
 ) -> list[Losses]:
     """Optimises on the experience; returns the losses of each optimiser step. Raises TrainingRunError."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
@@ -105,9 +105,7 @@ def update(
     return steps
 
 
-def mini_batches(
-    statement_of: Int64Array, batch_size: int, rng: np.random.Generator, *, by_statement: bool
-) -> Iterator[Int64Array]:
+def mini_batches(statement_of: Int64Array, batch_size: int, rng: Rng, *, by_statement: bool) -> Iterator[Int64Array]:
     """All rows in shuffled mini-batches; `by_statement`: each has few distinct statements, for speed."""
     count = len(statement_of)
     order = rng.permutation(count)

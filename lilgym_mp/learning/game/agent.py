@@ -31,7 +31,8 @@ MAX_CACHED_BOXES = 50_000
 class GameAgent(Agent):
     """A proposer, a verifier, or both."""
 
-    kind, version = "game", 1
+    kind = "game"
+    version = 1
     description: ModelDescription
     settings: GameSettings
     recipe: GameRecipe
@@ -39,9 +40,12 @@ class GameAgent(Agent):
 
     @classmethod
     def of(cls, description: ModelDescription) -> GameAgent:
-        details, settings = description.details, GameSettings.from_json(description.details["game"])
-        recipe, vocabulary = GameRecipe.from_json(description.recipe), Vocabulary(tuple(details["words"]))
-        names, game = network_names([Role[name.upper()] for name in details["roles"]], recipe), Game(settings)
+        details = description.details
+        settings = GameSettings.from_json(description.details["game"])
+        recipe = GameRecipe.from_json(description.recipe)
+        vocabulary = Vocabulary(tuple(details["words"]))
+        names = network_names([Role[name.upper()] for name in details["roles"]], recipe)
+        game = Game(settings)
         distinct = dict.fromkeys(names.values())
         networks = {name: GameNetwork(game, vocabulary, recipe, **details["sizes"]) for name in distinct}
         return cls(description, settings, recipe, {role: networks[name] for role, name in names.items()})
@@ -98,7 +102,9 @@ class SeatPartner(BatchPartner):
 
     def __init__(self, network: GameNetwork, role: Role, *, mask: bool, sampled: bool) -> None:
         self.role = role
-        self._network, self._mask, self._sampled = network, mask, sampled
+        self._network = network
+        self._mask = mask
+        self._sampled = sampled
         self._table = BoxImageTable()
 
     def batch(self, turn: BatchTurn) -> Int64Array:
@@ -108,7 +114,8 @@ class SeatPartner(BatchPartner):
         return np.where(turn.are_legal(actions), actions, turn.action_mask.argmax(1))
 
     def _policy(self, turn: BatchTurn) -> AgentPolicy:
-        own, game = self._network.game, turn.game
+        own = self._network.game
+        game = turn.game
         if game.action_counts != own.action_counts or game.protocol is not own.protocol:
             raise AgentError(
                 f"this {AGENTS[self.role]} was trained on protocol {own.protocol.name!r} with {own.action_counts}"
@@ -126,7 +133,8 @@ class SeatPartner(BatchPartner):
             legal = proposer_choices(turn.game, turn.action_mask, context[:, REFUSED] - 1)
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        targets, view = np.array([task.target for task in tasks], np.int64), own.views[self.role]
+        targets = np.array([task.target for task in tasks], np.int64)
+        view = own.views[self.role]
         statements = [HIDDEN_STATEMENT if view.statement == "none" else task.statement for task in tasks]
         states = self._table.states_of(statements, self._table.item_indices(items), targets * view.target)
         with torch.no_grad():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import torch
@@ -14,7 +13,7 @@ from lilgym_mp.envs.proposer_verifier import Role
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Claims, Rollout
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng
 
 MAX_CLAIMS_PER_STATEMENT = 32  # in one step, at most
 
@@ -32,7 +31,7 @@ class ClaimMemory:
             claims = Claims.joined([self._claims, claims])
         self._claims = claims.rows(slice(-self._recipe.claim_memory, None))
 
-    def batches(self, rng: np.random.Generator) -> Iterator[Claims]:
+    def batches(self, rng: Rng) -> Iterator[Claims]:
         """`claim_steps` batches, of few statements each."""
         if self._claims is None or not len(self._claims.holds):
             return
@@ -46,13 +45,13 @@ class ClaimMemory:
             ]
             yield self._claims.rows(order[np.concatenate(rows)])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """For a checkpoint: tensors."""
         if self._claims is None:
             return {}
         return {name: torch.from_numpy(part) for name, part in self._claims._asdict().items()}
 
-    def restore(self, data: dict[str, Any]) -> None:
+    def restore(self, data: AnyDict) -> None:
         """Inverse of `to_json`. Raises KeyError, TypeError."""
         if data:
             self.add(Claims(*(data[name].cpu().numpy() for name in Claims._fields)))

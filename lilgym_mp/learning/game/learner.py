@@ -5,7 +5,6 @@ Trains one or both agents of the proposer-verifier game. Ctrl-C saves a checkpoi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,9 @@ from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import RunOptions, setting
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
-_RUNS: Mapping[str, Any] = {"kind": Path, "nargs": "+", "metavar": "RUN"}
+_RUNS: AnyMapping = {"kind": Path, "nargs": "+", "metavar": "RUN"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class GameOptions(RunOptions):
     )
 
     @classmethod
-    def remembered(cls, saved: Mapping[str, Any]) -> dict[str, Any]:
+    def remembered(cls, saved: AnyMapping) -> AnyDict:
         partners = {
             f"{role}s": [Path(one.rsplit(": ", 1)[0]) for one in given]
             for role, given in saved.get("partners", {}).items()

@@ -89,8 +89,10 @@ class GameNetwork(BoxTransformer):
     ) -> None:
         """`messages_see_boxes`: messages also depend on each box, and start varied; older model files have neither."""
         super().__init__(game.dynamics.appearance, vocabulary, separators=False, **sizes)
-        width, counts = self.sizes["width"], context_sizes(game)
-        self.game, self._judges_only = game, recipe.judges_only
+        width = self.sizes["width"]
+        counts = context_sizes(game)
+        self.game = game
+        self._judges_only = recipe.judges_only
         self._offsets = np.array([0, *np.cumsum(counts)[:-1].tolist()], np.int64)
         self.context = nn.EmbeddingBag(sum(counts), width, mode="sum")
         nn.init.normal_(self.context.weight, std=0.02)
@@ -108,7 +110,8 @@ class GameNetwork(BoxTransformer):
     def _let_messages_see_boxes(self) -> None:
         """Adds heads on boxes. With the small weights of other heads, agents learn to ignore each other's messages
         before these come to mean anything, so messages start varied and are heard from the start."""
-        width, first = self.sizes["width"], int(self._offsets[MESSAGE])
+        width = self.sizes["width"]
+        first = int(self._offsets[MESSAGE])
         sizes = [size + 1 for size in self.game.message_sizes]
         self.box_messages = nn.ModuleList(nn.Linear(BOX_COUNT * width, size) for size in sizes)
         with torch.no_grad():
@@ -172,7 +175,8 @@ class GameNetwork(BoxTransformer):
         claims = (context[:, PENDING] == STOP_PENDING) | (not self.game.turn_based)
         is_claim = torch.from_numpy(claims).to(reached.device)
         signs = reached.new_zeros(self.answers.out_features)
-        signs[REJECT], signs[ACCEPT] = -1, 1
+        signs[REJECT] = -1
+        signs[ACCEPT] = 1
         by_truth = 0.5 * reached[:, None] * signs
         if self._judges_only:
             return torch.where(is_claim[:, None], by_truth, SURE * signs)

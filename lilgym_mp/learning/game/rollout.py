@@ -21,7 +21,16 @@ from lilgym_mp.learning.game.network import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import HIDDEN_STATEMENT, REFUSED, context_sizes, read_situations, seen_tasks
 from lilgym_mp.scene import BOX_COUNT
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import (
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int8Array,
+    Int16Array,
+    Int64Array,
+    Rng,
+    Strings,
+)
 
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
@@ -74,29 +83,31 @@ class Rollout:
     claims: Claims
 
     def __init__(
-        self, game: Game, statements: tuple[str, ...], turns: int, games: int, legal: int = 0, *, central: bool = False
+        self, game: Game, statements: Strings, turns: int, games: int, legal: int = 0, *, central: bool = False
     ) -> None:
         """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0.
         `central`: whether there is a critic that sees everything."""
-        self.game, self.table, self.statements = game, BoxImageTable(), statements
+        self.game = game
+        self.table = BoxImageTable()
+        self.statements = statements
         shape = turns, games
         self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
         self.verdicts = np.zeros(shape, np.int64)  # (T, N) on judged claims, NO_CHOICE without one
-        self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
-        self.holds = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
-        self.legal = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
+        self.ended, self.successes = np.zeros((2, *shape), bool)  # (T, N)
+        self.holds = np.zeros(shape, bool)  # (T, N) whether the judged claim holds
+        self.legal = np.zeros((*shape, legal), bool)  # (T, N, actions of the MDP), of the proposer
         both = len(Role), *shape
         views = [game, game.showing_everything()] if central else [game]
         self.seen = [  # by the agents, then by a central critic
             Seen(each, *(np.zeros((*both, size), np.int64) for size in (BOX_COUNT, len(context_sizes(each)))))
             for each in views
         ]
-        self.acted = np.zeros(both, np.bool_)  # (2, T, N)
+        self.acted = np.zeros(both, bool)  # (2, T, N)
         self.actions = np.zeros(both, np.int64)  # (2, T, N)
         self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
         self.rewards = np.zeros(both, np.float32)  # (2, T, N) of every turn
         self.last_values = np.zeros((len(Role), games), np.float32)  # (2, N) after the last turn
-        self.to_move = np.zeros((len(Role), games), np.bool_)  # (2, N) who is to move then
+        self.to_move = np.zeros((len(Role), games), bool)  # (2, N) who is to move then
 
     @property
     def returns(self) -> Float64Array:
@@ -141,7 +152,9 @@ class RolloutPlayer:
         partners: Mapping[Role, Sequence[Partner]],
     ) -> None:
         """`game`: of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
-        self._game, self._recipe, self._partners = game, recipe, partners
+        self._game = game
+        self._recipe = recipe
+        self._partners = partners
         self._arrays = ObservedGames(game, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
@@ -150,11 +163,13 @@ class RolloutPlayer:
         self._episodes = np.zeros(recipe.envs, np.int64)
 
     @torch.no_grad()
-    def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
+    def play(self, evaluate: Evaluate, rng: Rng) -> Rollout:
         """A rollout of the recipe's length."""
-        recipe, arrays = self._recipe, self._arrays
+        recipe = self._recipe
+        arrays = self._arrays
         legal = arrays.game.dynamics.appearance.action_count if recipe.mask else 0
-        turns, central = recipe.rollout // recipe.envs, recipe.critic == "central"
+        turns = recipe.rollout // recipe.envs
+        central = recipe.critic == "central"
         rollout = Rollout(arrays.game, self._sampler.statements, turns, recipe.envs, legal, central=central)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
@@ -169,8 +184,10 @@ class RolloutPlayer:
             actions = self._act(rollout, turn, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = rollout.ended[turn] = arrays.terminated | arrays.truncated
-            rollout.rewards[:, turn], rollout.successes[turn] = arrays.rewards, arrays.successes
-            rollout.verdicts[turn], rollout.holds[turn] = arrays.verdicts, arrays.holds
+            rollout.rewards[:, turn] = arrays.rewards
+            rollout.successes[turn] = arrays.successes
+            rollout.verdicts[turn] = arrays.verdicts
+            rollout.holds[turn] = arrays.holds
             items.append(claimed[over & (arrays.verdicts != NO_CHOICE)])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
@@ -186,7 +203,7 @@ class RolloutPlayer:
                 rollout.last_values[role, moving] = as_numpy(evaluate(role, situations, None)[1])
         return rollout
 
-    def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
+    def _start(self, indices: Int64Array, rng: Rng) -> None:
         intents = np.array([int(self._game.sample_intent(rng)) for _ in indices], np.int64)
         self._arrays.start(indices, np.array(self._sampler.sample(indices, rng), np.int64), intents)
         self._episodes[indices] = self._episodes.max() + 1 + np.arange(len(indices))
@@ -197,7 +214,7 @@ class RolloutPlayer:
         turn: int,
         evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
-        rng: np.random.Generator,
+        rng: Rng,
     ) -> Int64Array:
         """Both agents' actions (2, N)."""
         arrays = self._arrays
@@ -219,11 +236,13 @@ class RolloutPlayer:
             for seen in rollout.seen:
                 situation = self._situation(rollout, seen, role, moving, latest)
                 situations.append(situation)
-                seen.boxes_of[own], seen.context[own] = situation.boxes_of, situation.context
+                seen.boxes_of[own] = situation.boxes_of
+                seen.context[own] = situation.context
             latest = None if arrays.game.turn_based else situations[0]
             legal = None
             if role is Role.PROPOSER and self._recipe.mask:
-                masks, refused = arrays.masks(role, moving), situations[0].context[:, REFUSED] - 1
+                masks = arrays.masks(role, moving)
+                refused = situations[0].context[:, REFUSED] - 1
                 legal = rollout.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
             policy, values = evaluate(role, situations, legal)
             chosen = policy.act(lambda part: part.sample(rng))
@@ -237,19 +256,23 @@ class RolloutPlayer:
         self, rollout: Rollout, seen: Seen, role: Role, indices: Int64Array, latest: Situation | None = None
     ) -> Situation:
         """What an agent in games (k,) sees, or a critic beside it. `latest`: what the other one has seen there."""
-        game, arrays = seen.game, self._arrays
+        game = seen.game
+        arrays = self._arrays
         items, context = read_situations(arrays, role, indices, game)
         if latest is not None and game is arrays.game and game.views[0] == game.views[1]:
             return latest._replace(context=context)  # so that a shared network encodes its states once
-        tasks, boxes_of = arrays.tasks[indices], rollout.table.item_indices(items)
-        statements, targets = self._sampler.statement_of[tasks], self._targets[tasks]
+        tasks = arrays.tasks[indices]
+        boxes_of = rollout.table.item_indices(items)
+        statements = self._sampler.statement_of[tasks]
+        targets = self._targets[tasks]
         return Situation(rollout.states(game, role, statements, boxes_of, targets), boxes_of, context)
 
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:
     """(k, actions of the MDP) the choices of a proposer with masks (k, actions), whatever the message."""
-    sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.dynamics.appearance.action_count
-    return without_refused(masks[:, : choices * sizes : sizes].astype(np.bool_), refused)
+    sizes = game.message_sizes[Role.PROPOSER] + 1
+    choices = game.dynamics.appearance.action_count
+    return without_refused(masks[:, : choices * sizes : sizes].astype(bool), refused)
 
 
 def without_refused(legal: BoolArray, refused: Int64Array) -> BoolArray:
@@ -266,16 +289,27 @@ def own_turn_advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> tu
     An own turn earns the rewards up to the agent's next own turn, or to the end of the game. The last one of a game
     still going on is incomplete if its successor is not known, and then only lends its value to the one before.
     """
-    advantages, complete = np.zeros_like(rollout.values), np.zeros_like(rollout.acted)
-    next_values, next_advantages = rollout.last_values, np.zeros_like(rollout.last_values)
-    rewards, continues, known = np.zeros_like(next_values), np.ones_like(rollout.to_move), rollout.to_move
+    advantages = np.zeros_like(rollout.values)
+    complete = np.zeros_like(rollout.acted)
+    next_values = rollout.last_values
+    next_advantages = np.zeros_like(rollout.last_values)
+    rewards = np.zeros_like(next_values)
+    continues = np.ones_like(rollout.to_move)
+    known = rollout.to_move
     for turn in range(len(rollout.ended) - 1, -1, -1):
-        over, acted, values = rollout.ended[turn], rollout.acted[:, turn], rollout.values[:, turn]
+        over = rollout.ended[turn]
+        acted = rollout.acted[:, turn]
+        values = rollout.values[:, turn]
         rewards = np.where(over, 0, rewards) + rollout.rewards[:, turn]
-        continues, known = continues & ~over, known | over
+        continues = continues & ~over
+        known = known | over
         delta = rewards + gamma * next_values * continues - values
         found = np.where(known, delta + gamma * gae_lambda * continues * next_advantages, 0)
-        advantages[:, turn], complete[:, turn] = np.where(acted, found, 0), acted & known
-        next_values, next_advantages = np.where(acted, values, next_values), np.where(acted, found, next_advantages)
-        rewards, continues, known = np.where(acted, 0, rewards), continues | acted, known | acted
+        advantages[:, turn] = np.where(acted, found, 0)
+        complete[:, turn] = acted & known
+        next_values = np.where(acted, values, next_values)
+        next_advantages = np.where(acted, found, next_advantages)
+        rewards = np.where(acted, 0, rewards)
+        continues = continues | acted
+        known = known | acted
     return advantages, complete

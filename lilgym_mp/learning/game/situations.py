@@ -17,7 +17,8 @@ from lilgym_mp.scene.arrays import Int16Array, Int64Array
 
 CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "bias")  # 0 where an agent does not know it
 ROLE, INTENT, PENDING, MESSAGE, REFUSED, ROUNDS, _BIAS = range(len(CONTEXT))
-STOP_PENDING, EDIT_PENDING = 1, 2
+STOP_PENDING = 1
+EDIT_PENDING = 2
 MOST_ROUNDS = 12  # more count as so many
 HIDDEN_STATEMENT = ""  # which networks read instead of a statement that is not seen
 
@@ -44,7 +45,8 @@ def read_situations(
     `own`: the game with the views that the agent learned with; None: the game in play.
     """
     own = own or games.game
-    view, sizes = own.views[role], context_sizes(own)
+    view = own.views[role]
+    sizes = context_sizes(own)
     context = np.zeros((len(indices), len(sizes)), np.int64)
     context[:, ROLE] = role
     context[:, MESSAGE] = games.messages[role.other, indices]

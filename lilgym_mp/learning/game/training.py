@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
 from lilgym_mp.evaluation.game_partners import (
     BUILDER,
     GUIDE,
@@ -37,9 +38,10 @@ from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, Seen, Situation, own_turn_advantages
 from lilgym_mp.learning.game.situations import check_claims
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Int64Array
 
-TEXT_LAYERS, HEADS = 1, 2
+TEXT_LAYERS = 1
+HEADS = 2
 MOST_UNFINISHED = 0.1  # share of games without an end in a rollout; with more, a run warns
 
 
@@ -105,7 +107,7 @@ class GameRun(TrainingRun):
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, split="train", reveal_truth=True)
         self.recipe = recipe
-        named = {Role.PROPOSER: proposers, Role.VERIFIER: verifiers}
+        named = {PROPOSER: proposers, VERIFIER: verifiers}
         partners = {role: found for role, found in named.items() if found}
         self.roles = [role for role in Role if role not in partners]
         if not self.roles:
@@ -143,10 +145,12 @@ class GameRun(TrainingRun):
 
     def _make_networks(self, given: Mapping[str, BoxTransformer], game: Game) -> dict[str, GameNetwork]:
         """The agents' networks by name, which start with the weights given."""
-        recipe, vocabulary = self.recipe, Vocabulary.from_statements(self.tasks.statements)
+        recipe = self.recipe
+        vocabulary = Vocabulary.from_statements(self.tasks.statements)
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         for network in given.values():
-            vocabulary, sizes = network.vocabulary, network.sizes
+            vocabulary = network.vocabulary
+            sizes = network.sizes
             if recipe.width != sizes["width"]:
                 raise ValueError(f"the agents to start from have width {sizes['width']}, not {recipe.width}")
         names = dict.fromkeys(network_names(self.roles, recipe).values())
@@ -158,7 +162,8 @@ class GameRun(TrainingRun):
         return networks
 
     def introduction(self) -> str:
-        settings, recipe = self.settings, self.recipe
+        settings = self.settings
+        recipe = self.recipe
         learners = [AGENTS[role] for role in self.roles]
         learning = f"{learners[0]} learns" if len(learners) == 1 else f"{' and '.join(learners)} learn"
         return (
@@ -188,7 +193,8 @@ class GameRun(TrainingRun):
 
     def step(self) -> GameProgress:
         """Plays a rollout and learns from it."""
-        start, entropy_coefficient = self.seconds(), 0.0
+        start = self.seconds()
+        entropy_coefficient = 0.0
         for optimiser in self._optimisers.values():
             entropy_coefficient = schedule(optimiser, self.recipe, self.progress())
         self.networks.eval()
@@ -209,14 +215,14 @@ class GameRun(TrainingRun):
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
         """The complete own turns of a network's agents; None if its verifier learns from claims alone."""
         roles = [role for role in self.roles if self._network_of[role] == name]
-        if self.recipe.judges_only and Role.VERIFIER in roles:
-            roles.remove(Role.VERIFIER)
+        if self.recipe.judges_only and VERIFIER in roles:
+            roles.remove(VERIFIER)
         if not roles:
             return None
         recipe = self.recipe
         advantages, complete = own_turn_advantages(rollout, recipe.gamma, recipe.gae_lambda)
         complete[[role for role in Role if role not in roles]] = False
-        arrays: dict[str, Any] = {
+        arrays: AnyDict = {
             column: getattr(rollout, column)[complete] for column in ("actions", "log_probabilities", "values")
         }
         role_of, cells = np.divmod(np.flatnonzero(complete), rollout.ended.size)
@@ -224,7 +230,7 @@ class GameRun(TrainingRun):
         def evaluate(rows: Int64Array) -> tuple[_MixedPolicy, Tensor]:
             return self._evaluate_rows(rollout, role_of[rows], cells[rows])
 
-        arrays["forced"] = np.zeros(len(cells), np.bool_)
+        arrays["forced"] = np.zeros(len(cells), bool)
         statement_of = rollout.statement_of.reshape(-1)[cells]
         return Experience(recipe, arrays, advantages[complete], statement_of, evaluate, self.device)
 
@@ -240,7 +246,7 @@ class GameRun(TrainingRun):
             if not len(mine):
                 continue
             legal = None
-            if role is Role.PROPOSER and self.recipe.mask:
+            if role is PROPOSER and self.recipe.mask:
                 legal = rollout.legal[turns[mine], games[mine]]
             situations = [one._replace(context=one.context[mine]) for one, _ in whole]
             encoded = [torch.from_numpy(state_of[mine]).to(self.device) for _, state_of in whole]
@@ -255,7 +261,8 @@ class GameRun(TrainingRun):
     ) -> tuple[Situation, Int64Array]:
         """What was seen in m turns, with distinct states alone, and which of them each turn has (m,)."""
         turns, games = np.divmod(cells, rollout.ended.shape[1])
-        boxes_of, context = seen.boxes_of[role_of, turns, games], seen.context[role_of, turns, games]
+        boxes_of = seen.boxes_of[role_of, turns, games]
+        context = seen.context[role_of, turns, games]
         state_keys = cells  # with equal views both agents see one state in a turn
         if seen.game.views[0] != seen.game.views[1]:
             state_keys = cells + role_of * rollout.ended.size
@@ -266,10 +273,11 @@ class GameRun(TrainingRun):
 
     def _learn_claims(self, rollout: Rollout) -> list[tuple[float, float]]:
         """Optimiser steps on remembered claims; losses and accuracies."""
-        if Role.VERIFIER not in self.roles or not self.recipe.learns_claims:
+        if VERIFIER not in self.roles or not self.recipe.learns_claims:
             return []
-        name = self._network_of[Role.VERIFIER]
-        network, optimiser = self._actors[name], self._optimisers[name]
+        name = self._network_of[VERIFIER]
+        network = self._actors[name]
+        optimiser = self._optimisers[name]
         self._memory.add(rollout.claims)
         found: list[tuple[float, float]] = []
         for claims in self._memory.batches(self._rng):
@@ -281,7 +289,9 @@ class GameRun(TrainingRun):
     def _progress(
         self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
     ) -> GameProgress:
-        count, counters, seconds = int(rollout.ended.sum()), self.counters, self.seconds()
+        count = int(rollout.ended.sum())
+        counters = self.counters
+        seconds = self.seconds()
         counters.games += count
         true, false, j = (None if np.isnan(rate) else rate for rate in rollout.claim_rates())
         loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
@@ -316,7 +326,7 @@ class GameRun(TrainingRun):
 
     # Files
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         return {
             "networks": self.networks.state_dict(),
             "optimisers": {name: optimiser.state_dict() for name, optimiser in self._optimisers.items()},
@@ -324,7 +334,7 @@ class GameRun(TrainingRun):
             "random": json.dumps(self._rng.bit_generator.state),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         self.networks.load_state_dict(state["networks"])
         for name, optimiser in self._optimisers.items():
             optimiser.load_state_dict(state["optimisers"][name])
@@ -333,11 +343,14 @@ class GameRun(TrainingRun):
 
     def finish(self) -> GameAgent:
         """The agents that learned."""
-        settings, recipe, counters, actors = self.settings, self.recipe, self.counters, self._actors
+        settings = self.settings
+        recipe = self.recipe
+        counters = self.counters
+        actors = self._actors
         network = next(iter(actors.values()))
         programs = ", and programs to exchange colours" if recipe.recolour else ""
         supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
-        if Role.VERIFIER in self.roles and recipe.learns_claims:
+        if VERIFIER in self.roles and recipe.learns_claims:
             supervision += ", truth of claims judged at the end of games"
         supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
         details = {
@@ -368,7 +381,8 @@ class _MixedPolicy(NamedTuple):
         log_probs = entropies = torch.zeros(len(actions), device=actions.device)
         for rows, policy in self.policies:
             found, entropy = policy.evaluate_actions(actions[rows])
-            log_probs, entropies = log_probs.index_copy(0, rows, found), entropies.index_copy(0, rows, entropy)
+            log_probs = log_probs.index_copy(0, rows, found)
+            entropies = entropies.index_copy(0, rows, entropy)
         return log_probs, entropies
 
 
@@ -379,23 +393,24 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     """A scripted partner by name, or that of a run: a proposer samples, a verifier takes the most probable actions."""
     if not isinstance(given, Path):
         return given
-    scripted = scripted_verifiers if role is Role.VERIFIER else scripted_proposers
+    scripted = scripted_verifiers if role is VERIFIER else scripted_proposers
     if (partner := scripted(settings.dynamics()).get(str(given))) is not None:
         if str(given) in (GUIDE, BUILDER) and not can_guide(settings):
             raise AgentError(
                 f"{given} needs one message of verifier_0 for each action, as views {GUIDE!r} give it in critique;"
-                f" this game has message_size {settings.message_sizes()[Role.VERIFIER]}"
+                f" this game has message_size {settings.message_sizes()[VERIFIER]}"
             )
         return partner
     agent = load_agent(agent_file(given), device)
     for name in ("appearance", "protocol", "grid"):
-        own, wanted = getattr(agent.settings, name), getattr(settings, name)
+        own = getattr(agent.settings, name)
+        wanted = getattr(settings, name)
         if own != wanted:
             raise AgentError(f"{given}: trained on {name} {own!r}; this game has {wanted!r}")
     if agent.settings.message_sizes() != settings.message_sizes():
         own, wanted = (dict(zip(AGENTS, each.message_sizes(), strict=True)) for each in (agent.settings, settings))
         raise AgentError(f"{given}: trained with message_size {own}; this game has {wanted}")
-    partner = agent.partner(role, sampled=role is Role.PROPOSER)
+    partner = agent.partner(role, sampled=role is PROPOSER)
     if partner is None:
         raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
     return partner

@@ -30,7 +30,7 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID
-from lilgym_mp.scene.arrays import Float32Array, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Float32Array, Int64Array, Rng, UInt8Array
 
 MAX_CACHED_BOXES = 50_000
 SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that make the network
@@ -100,7 +100,7 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
 
 
 def choose_actions(
-    log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
+    log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: Rng | None
 ) -> Int64Array:
     """(B,) logit indices from (B, logits): sampled with `rng`, greedy without."""
     stop = log_probabilities[:, STOP_INDEX].astype(np.float64)
@@ -118,7 +118,7 @@ def choose_actions(
 
 
 def tune_stop_rule(
-    policy: NetworkPolicy, settings: EnvConfig, tasks: Sequence[Task], rng: np.random.Generator
+    policy: NetworkPolicy, settings: EnvConfig, tasks: Sequence[Task], rng: Rng
 ) -> tuple[StopRule, float]:
     """The stop rule with the highest accuracy on the tasks, and that accuracy; ties go to the first one tried."""
     tried: list[tuple[float, StopRule]] = []
@@ -138,13 +138,13 @@ def tune_stop_rule(
     return rule, best
 
 
-def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> dict[str, Any]:
+def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> AnyDict:
     """The arguments of `make_network`, as JSON."""
     sizes = {name: getattr(recipe, name) for name in SIZES}
     return {"appearance": appearance, "vocabulary": list(vocabulary.words), **sizes}
 
 
-def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNetwork:
+def make_network(built: AnyMapping, dropout: float = 0.0) -> ImitationNetwork:
     """A new network of this architecture."""
     vocabulary = Vocabulary(tuple(built["vocabulary"]))
     sizes = {name: built[name] for name in SIZES}
@@ -200,13 +200,14 @@ class StopRulePolicy(Policy):
         self._policy = policy
         self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
 
-    def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def __call__(self, observations: Observations, legal: np.ndarray, rng: Rng) -> np.ndarray:
         if len(self._policy.table) > MAX_CACHED_BOXES:
             self._policy = replace(self._policy, table=BoxFeatureTable())
         policy = self._policy
         dynamics = self._dynamics
         if self.needs_states:
-            scenes, unread = [state.scene for state in observations.states], list[int]()
+            scenes = [state.scene for state in observations.states]
+            unread = list[int]()
         else:
             scenes, unread = _scenes(observations.images, dynamics.appearance.name)
         self._latest = observations.statements, policy.table.indices(scenes), observations.targets

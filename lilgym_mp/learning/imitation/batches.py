@@ -24,10 +24,9 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs, Outputs
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, Rng
 
 MIN_PROBABILITY = 1e-13  # clamp; sets of actions below it have no gradient
-Rng = np.random.Generator
 
 
 class Batch(NamedTuple):
@@ -142,7 +141,7 @@ class BatchSampler:
         self.table.update_features()
         inputs = make_inputs(self.table, words, boxes, orders, self.device)
         acting = boxes.indices[:, : boxes.acting]
-        legal = self.table.legal[acting] if self.heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
+        legal = self.table.legal[acting] if self.heads.cells > 1 else np.zeros((*acting.shape, 0, 1), bool)
         arrays = (
             (1 - truths[:, :solved]).astype(np.int64),
             truths,
@@ -162,7 +161,7 @@ class BatchSampler:
     def _optimal(
         self, entries: Sequence[DatasetEntry], rows: Sequence[Int64Array], orders: Int64Array, solved: int
     ) -> BoolArray:
-        optimal = np.zeros((len(entries), solved, self.heads.size), np.bool_)
+        optimal = np.zeros((len(entries), solved, self.heads.size), bool)
         for entry, row, order, masks in zip(entries, rows, orders.tolist(), optimal, strict=True):
             recoloured = self.heads.recoloured[order]
             for index, mask in zip(row[:solved].tolist(), masks, strict=True):

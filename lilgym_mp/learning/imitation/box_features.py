@@ -47,7 +47,7 @@ class BoxFeatureTable(FeatureTable):
             "colours": items[:, :, 3].clip(0),
             "relations": item_relations(items),
             "offsets": cell_offsets(items),
-            "legal": (legal[..., None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_),
+            "legal": (legal[..., None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(bool),
         }
 
 

@@ -132,7 +132,8 @@ class CellGeometry(nn.Module):
 
     def item_terms(self, offsets: Tensor) -> Tensor:
         """(..., 25, C) contribution of items to the cells, from their `offsets` (..., 2, 5)."""
-        across, down = self.across(offsets[..., 0, :]), self.down(offsets[..., 1, :])
+        across = self.across(offsets[..., 0, :])
+        down = self.down(offsets[..., 1, :])
         return (across[..., :, None, :] * down[..., None, :, :]).flatten(-3, -2)
 
     def forward(self, sums: Tensor) -> tuple[Tensor, Tensor]:

@@ -22,6 +22,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
+from lilgym_mp.scene.arrays import Rng
 
 PARSER = PairRecipe()  # hyperparameters shared with parse and plan
 GEOMETRY_LEARNING_RATE = 0.01
@@ -74,9 +75,7 @@ class TextPretraining:
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 
-def pretrain_geometry(
-    geometry: CellGeometry, table: BoxFeatureTable, updates: int, warmup: float, rng: np.random.Generator
-) -> None:
+def pretrain_geometry(geometry: CellGeometry, table: BoxFeatureTable, updates: int, warmup: float, rng: Rng) -> None:
     """Trains it to predict the legal edits of the boxes collected so far. Raises TrainingRunError."""
     device = geometry.cells.device
     optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import fmean
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -47,6 +47,7 @@ from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_g
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID
+from lilgym_mp.scene.arrays import AnyDict
 
 ENTRIES_PER_COLLECTION = 32
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
@@ -286,12 +287,12 @@ class ImitationRun(TrainingRun):
             **{name: round(fmean(losses[name] for losses in recent), 4) for name in recent[0]},
         )
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         """For a checkpoint. The dataset is not part of it: a resumed run collects scenes again."""
         played = self._collector.played if isinstance(self._collector, TaughtCollector) else None
         return {**super().state(), "played": played and [played.stops, played.steps]}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         super().restore(state)
         if isinstance(self._collector, TaughtCollector) and state.get("played"):
             self._collector.played.stops, self._collector.played.steps = state["played"]
@@ -302,7 +303,8 @@ class ImitationRun(TrainingRun):
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():
-            rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT), None
+            rules[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT)
+            accuracies[name] = None
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
                 rules[name], accuracies[name] = tune_stop_rule(self._policy, self._played, chosen, self._rng)

@@ -7,7 +7,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -32,6 +32,7 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.programs.static_types import is_well_typed
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import AnyDict, AnyMapping, Strings
 
 UNKNOWN = "<unknown>"
 BEAM_WIDTH = 20
@@ -107,11 +108,11 @@ class ProgramCandidate(NamedTuple):
 class Parse:
     """The parser's result for a statement."""
 
-    words: tuple[str, ...]  # the appearance word, then the statement with misspellings repaired
-    unknown: tuple[str, ...]  # the words outside the vocabulary, with those left out, or a text without words
+    words: Strings  # the appearance word, then the statement with misspellings repaired
+    unknown: Strings  # the words outside the vocabulary, with those left out, or a text without words
     corrections: Mapping[str, str]  # misspelt words, in lower case, and what was read for them
     candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
-    doubts: tuple[str, ...] = ()  # why the first candidate may be wrong besides unknown words, a line each
+    doubts: Strings = ()  # why the first candidate may be wrong besides unknown words, a line each
 
     @property
     def is_understood(self) -> bool:
@@ -133,7 +134,7 @@ class Parse:
         return max(len(self.words) - 1, len(self.unknown), 1)
 
     @property
-    def uncertain(self) -> tuple[str, ...]:
+    def uncertain(self) -> Strings:
         """Why the first candidate may be wrong, a line each; empty if nothing says so."""
         if not self.is_understood:
             return ("nothing was understood", *self._unknown_notes())
@@ -228,7 +229,7 @@ class Parser:
         unsure = tuple(doubts(statement, original_words[1:], ranked, first_truths))
         return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked, unsure)
 
-    def to_details(self) -> dict[str, Any]:
+    def to_details(self) -> AnyDict:
         """The part of a model description that `of` reads."""
         return {
             "words": list(self.vocabulary.symbols),
@@ -238,7 +239,7 @@ class Parser:
         }
 
     @classmethod
-    def of(cls, details: Mapping[str, Any]) -> Parser:
+    def of(cls, details: AnyMapping) -> Parser:
         """A parser with an untrained network. Raises ValueError, TypeError, KeyError."""
         vocabulary = SymbolTable(tuple(details["words"]))
         tokens = TokenTable(tuple(details["tokens"]))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import math
-import random
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from random import Random
+from typing import NamedTuple, Unpack
 
 import torch
 
@@ -36,6 +36,7 @@ from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import ProgramPlanner, fit_calibration
+from lilgym_mp.scene.arrays import AnyDict
 
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -71,10 +72,10 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     """Splits off the held-out examples, generates further ones and collects the vocabulary."""
     examples = corpus_examples(corpus)
     digest = hashlib.sha256(repr(examples).encode()).hexdigest()
-    shuffled = random.Random(f"held out {recipe.seed}").sample(examples, len(examples))
+    shuffled = Random(f"held out {recipe.seed}").sample(examples, len(examples))
     held_out = shuffled[: min(recipe.held_out, len(examples) // 5)]
     kept = shuffled[len(held_out) :]
-    rng = random.Random(f"generated {recipe.seed}")
+    rng = Random(f"generated {recipe.seed}")
     excluded = held_out_digests(corpus)
     needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
     appearances = sorted({example.appearance for example in examples})
@@ -124,7 +125,7 @@ class ParserRun(TrainingRun):
         torch.manual_seed(recipe.seed)
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
         self._network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(self.device)
-        self._rng = random.Random(f"batches {recipe.seed}")
+        self._rng = Random(f"batches {recipe.seed}")
         generated = data.generated.sample if len(data.generated) else None
         self._trainer = ProgramTrainer(self._network, recipe, data.corpus.sample, generated, self._indices, self._rng)
         self.parts = {"network": self._network, "optimiser": self._trainer.optimiser}
@@ -152,7 +153,7 @@ class ParserRun(TrainingRun):
     def progress_line(self, recent: Sequence[float]) -> ParserProgress:
         return ParserProgress(self.counters.updates, sum(recent) / len(recent), self.seconds())
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         super().restore(state)
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import torch
 
 from lilgym_mp.corpus import Vocabulary
@@ -23,7 +21,7 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Int64Array, Rng, Strings
 
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
@@ -36,7 +34,7 @@ def make_model(
     *,
     statements: Iterable[str] = (),
     weights: Path | None = None,
-    details: Mapping[str, Any] | None = None,
+    details: AnyMapping | None = None,
 ) -> Model:
     """A new model with the vocabulary of `statements`, or with `details` the one described by a model file.
 
@@ -78,7 +76,7 @@ class ModelPolicy(Policy):
         self._table = BoxImageTable()
         self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+    def __call__(self, observations: Observations, legal: BoolArray, rng: Rng) -> Int64Array:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
         boxes_of = self._table.indices(observations.images)
@@ -129,9 +127,9 @@ def describe(
     settings: EnvConfig,
     recipe: PPORecipe,
     recipe_name: str,
-    configurations: tuple[str, ...],
+    configurations: Strings,
     model: Model,
-    statistics: Mapping[str, Any],
+    statistics: AnyMapping,
 ) -> ModelDescription:
     """`statistics`: further details to save, such as the training time."""
     source = "rewards, and programs to exchange colours" if recipe.recolour else "rewards alone"

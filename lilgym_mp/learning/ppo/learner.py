@@ -17,6 +17,7 @@ from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import RunOptions, UpdateRecipe, setting
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import AnyDict
 from lilgym_mp.scene.choices import choose
 
 MODELS = {
@@ -78,7 +79,7 @@ class PPORecipe(UpdateRecipe):
 PAPER_ENTROPY = {"tower": 0.1}  # of Tower alone; 0.3 for other appearances
 
 
-def _paper(configuration: str, model: str) -> dict[str, Any]:
+def _paper(configuration: str, model: str) -> AnyDict:
     appearance, start = CONFIGURATIONS[configuration]
     fine_tuned = model in FINE_TUNED
     entropy = PAPER_ENTROPY.get(appearance, 0.3)
@@ -115,7 +116,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
     }
 
 
-def _release(configuration: str, model: str) -> dict[str, Any]:
+def _release(configuration: str, model: str) -> AnyDict:
     fine_tuned = model in FINE_TUNED
     return {
         **_paper(configuration, model),
@@ -132,7 +133,7 @@ def _release(configuration: str, model: str) -> dict[str, Any]:
     }
 
 
-def _ours(configuration: str, model: str) -> dict[str, Any]:
+def _ours(configuration: str, model: str) -> AnyDict:
     start = CONFIGURATIONS[configuration][1]
     fine_tuned = model in FINE_TUNED
     return {
@@ -142,7 +143,7 @@ def _ours(configuration: str, model: str) -> dict[str, Any]:
     }
 
 
-RECIPES: Mapping[str, Callable[[str, str], dict[str, Any]]] = {"ours": _ours, "paper": _paper, "release": _release}
+RECIPES: Mapping[str, Callable[[str, str], AnyDict]] = {"ours": _ours, "paper": _paper, "release": _release}
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ Directories of weights are as saved by `transformers`. Only safetensors files ar
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -38,7 +38,7 @@ from lilgym_mp.learning.ppo.learner import FINE_TUNED
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
-from lilgym_mp.scene.arrays import Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import AnyMapping, Int64Array, UInt8Array
 from lilgym_mp.scene.render.drawing import SEPARATOR_RGB
 
 ARCHITECTURES = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
@@ -77,7 +77,7 @@ def checked_directory(path: Path | None, model: str) -> Path:
 
 
 def model_maker(
-    model: str, appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None
+    model: str, appearance: Appearance, weights: Path | None, details: AnyMapping | None
 ) -> Callable[[bool, bool], Model]:
     """A constructor of the model, called with has_actor and has_critic; `details`: of a model file.
 
@@ -190,7 +190,8 @@ class FrozenBert:
     def __init__(self, path: Path) -> None:
         from transformers import BertModel  # pyright: ignore[reportMissingImports]
 
-        self.path, self.digest = path, weights_digest(path)
+        self.path = path
+        self.digest = weights_digest(path)
         self._tokenizer = _tokenizer(path)
         self._network = _pretrained_network(BertModel.from_pretrained, path, add_pooling_layer=False).eval()
         self.width = int(self._network.config.hidden_size)
@@ -369,7 +370,7 @@ class ConvolutionsAndBert(PretrainedModel):
         assert self.actor is not None
         return self.actor(features)
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         return {"weights": str(self._encoder.path), "weights_sha256": self._encoder.digest}
 
     @property
@@ -452,5 +453,5 @@ class JointModel(PretrainedModel):
     def features(self, states: States) -> Tensor:
         return self.transformer(states)
 
-    def details(self) -> Mapping[str, Any]:
+    def details(self) -> AnyMapping:
         return {"weights": str(self.transformer.path)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,14 +15,14 @@ from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.learner import PPORecipe
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, BoolArray, Float32Array, Int64Array, Rng, Strings
 
 
 class Rollout(NamedTuple):
     """Rollout buffer of T steps in N environments; row t * N + n of a flattened array is step t of environment n."""
 
     table: BoxImageTable
-    statements: tuple[str, ...]
+    statements: Strings
     statement_of: Int64Array  # (T, N)
     boxes_of: Int64Array  # (T, N, 3)
     targets: Int64Array  # (T, N)
@@ -67,15 +67,15 @@ class RolloutCollector:
         self._task_of = np.zeros(recipe.envs, np.int64)  # task index of each environment
         self._actions: list[list[int]] = [[] for _ in range(recipe.envs)]  # actions of the current episodes
         self._returns = np.zeros(recipe.envs)  # undiscounted returns of the current episodes so far
-        self._observations: dict[str, Any] = {}
+        self._observations: AnyDict = {}
         self.statistics = EpisodeStatistics()
 
-    def reset(self, rng: np.random.Generator) -> None:
+    def reset(self, rng: Rng) -> None:
         """Starts an episode in every environment."""
         self._sampler.resample_statements(rng)
-        self._reset(np.ones(self._recipe.envs, np.bool_), self._sampler.sample(np.arange(self._recipe.envs), rng))
+        self._reset(np.ones(self._recipe.envs, bool), self._sampler.sample(np.arange(self._recipe.envs), rng))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> AnyDict:
         """The current episodes, for `restore_episodes`."""
         return {
             "statements": self._sampler.current.tolist(),
@@ -84,7 +84,7 @@ class RolloutCollector:
             "rewards": self._returns.tolist(),
         }
 
-    def restore_episodes(self, data: dict[str, Any]) -> None:
+    def restore_episodes(self, data: AnyDict) -> None:
         """Replays the saved episodes to their current states. Raises ValueError, KeyError, TypeError."""
         count = self._recipe.envs
         self._sampler.current = np.array(data["statements"], np.int64)
@@ -92,7 +92,7 @@ class RolloutCollector:
         actions = [list(map(int, row)) for row in data["actions"]]
         if len(tasks) != count or len(actions) != count or max(tasks) >= len(self._ids):
             raise ValueError("the saved episodes are of other environments")
-        self._reset(np.ones(count, np.bool_), tasks)
+        self._reset(np.ones(count, bool), tasks)
         for left in range(max(map(len, actions)), 0, -1):
             waiting = np.array([len(row) < left for row in actions])  # shorter episodes: take STOP and reset meanwhile
             chosen = [STOP if len(row) < left else row[len(row) - left] for row in actions]
@@ -113,7 +113,7 @@ class RolloutCollector:
         options = {"task": task_ids, "reset_mask": mask}
         self._observations, _ = self._envs.reset(seed=0 if mask.all() else None, options=options)
 
-    def collect(self, model: Model, rng: np.random.Generator) -> Rollout:
+    def collect(self, model: Model, rng: Rng) -> Rollout:
         """A rollout of the recipe's length."""
         recipe = self._recipe
         count = self._recipe.envs
@@ -121,7 +121,7 @@ class RolloutCollector:
             self._sampler.resample_statements(rng)
         table = BoxImageTable()
         steps = recipe.rollout // count
-        collected: list[dict[str, Any]] = []
+        collected: list[AnyDict] = []
         for _ in range(steps):
             observed, states = self._observe(table)
             legal = self._envs.action_masks() if recipe.mask else None
@@ -132,7 +132,7 @@ class RolloutCollector:
         with torch.no_grad():
             last_values = as_numpy(policy_and_values(model, self._observe(table)[1], None)[1])
         columns = {name: [step[name] for step in collected] for name in collected[0]}
-        arrays: dict[str, Any] = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
+        arrays: AnyDict = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
         return Rollout(table=table, statements=self._sampler.statements, last_values=last_values, **arrays)
 
     def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:
@@ -144,20 +144,20 @@ class RolloutCollector:
         return columns, table.states(self._sampler.statements, statement_of, boxes_of, targets)
 
     def _act(
-        self, model: Model, states: States, legal: BoolArray | None, rng: np.random.Generator
+        self, model: Model, states: States, legal: BoolArray | None, rng: Rng
     ) -> tuple[Int64Array, BoolArray, Float32Array, Float32Array]:
         """Actions, forced-STOP mask, log-probabilities under the unforced policy, and values."""
         with torch.no_grad():
             policy, values = policy_and_values(model, states, legal)
         actions = policy.sample(rng)
-        forced = self._envs.goal_reached() if self._recipe.stop_forcing else np.zeros(len(actions), np.bool_)
+        forced = self._envs.goal_reached() if self._recipe.stop_forcing else np.zeros(len(actions), bool)
         actions[forced] = STOP
         with torch.no_grad():
             log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
         self.statistics.forced += int(forced.sum())
         return actions, forced, as_numpy(log_probabilities), as_numpy(values)
 
-    def _step(self, actions: Int64Array, rng: np.random.Generator) -> tuple[Float32Array, BoolArray]:
+    def _step(self, actions: Int64Array, rng: Rng) -> tuple[Float32Array, BoolArray]:
         """Steps the environments and restarts those whose episode ended; returns rewards and the ended mask."""
         self._observations, rewards, terminated, truncated, infos = self._envs.step(actions)
         ended = terminated | truncated

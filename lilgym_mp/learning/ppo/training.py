@@ -36,7 +36,7 @@ from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Strings
 
 
 class PPOProgress(NamedTuple):
@@ -132,7 +132,7 @@ class PPORun(TrainingRun):
             self._collector.reset(self._rng)
 
     @property
-    def configurations(self) -> tuple[str, ...]:
+    def configurations(self) -> Strings:
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         scratch = configuration_name(self._settings.appearance, SCRATCH)
         return (self._settings.configuration, *([scratch] if self.tasks.from_empty.any() else []))
@@ -223,7 +223,7 @@ class PPORun(TrainingRun):
             clipped=round(float(mean.clipped), 5),
         )
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         return {
             **super().state(),
             "best": self.validation.best_weights,
@@ -233,7 +233,7 @@ class PPORun(TrainingRun):
             "random": json.dumps(self._rng.bit_generator.state),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         super().restore(state)
         self.validation.state = ValidationState(**state["validation"])
         self.validation.best_weights = state["best"]

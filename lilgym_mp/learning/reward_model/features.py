@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import accumulate, permutations, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene import Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances import part_of
 from lilgym_mp.scene.appearances.tower.geometry import CAPACITY
-from lilgym_mp.scene.arrays import Int64Array, UInt8Array, one_hot
+from lilgym_mp.scene.arrays import AnyDict, Int64Array, Rng, UInt8Array, one_hot
 
 COLOURS = len(Colour)
 SHAPES = len(Shape)
@@ -35,7 +35,6 @@ CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
 SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins words with which shapes are kept
 MOST_BOXES = 100_000
-Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
 
 
@@ -138,7 +137,7 @@ class BoxTable(FeatureTable):
         items = self._items[indices]
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
 
-    def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, Any]:
+    def columns(self, boxes: Sequence[Box], items: Int64Array) -> AnyDict:
         item_features, box_features = self._compute(items)
         rows = item_features.reshape(-1, self.item_width)
         kinds = [self._kinds.setdefault(row.tobytes(), len(self._kinds)) for row in rows]
@@ -218,7 +217,7 @@ class Features(NamedTuple):
     varied: bool  # whether shapes and places vary, so that shapes and sides can be exchanged
 
 
-FEATURES: dict[str, Features] = {
+FEATURES = {
     "tower": Features(
         {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
         {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
@@ -287,7 +286,7 @@ class InputReader:
         items, looks = self.table.features(indices)
         features = self.table.item_features
         rows = np.arange(len(items))[:, None, None]
-        occurs = np.zeros((len(items), len(features)), np.bool_)
+        occurs = np.zeros((len(items), len(features)), bool)
         occurs[rows, items] = occurs[:, :1] = True
         members = (occurs.cumsum(1) - 1)[rows, items]
         features = features[pad_rows([row.nonzero()[0] for row in occurs])]

@@ -27,7 +27,7 @@ from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.search import SearchPlanner
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import Float64Array, Int64Array
+from lilgym_mp.scene.arrays import AnyDict, Float64Array, Int64Array
 
 ENTRIES_PER_COLLECTION = 16
 STOPS_PER_COLLECTION = 10  # for each of them
@@ -252,11 +252,11 @@ class RewardModelRun(TrainingRun):
             None if held_out is None else round(held_out, 4),
         )
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> AnyDict:
         """For a checkpoint. The labelled scenes are not part of it: a resumed run collects scenes again."""
         return {**super().state(), "played": [self._collector.stops, self._collector.steps]}
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: AnyDict) -> None:
         super().restore(state)
         self._collector.stops, self._collector.steps = state["played"]
         self._lost_stops = self._collector.stops

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lilgym_mp.programs import words
+from lilgym_mp.programs.words import CollectionArg, word
 
 
 def _comparison(name: str, symbol: str, compare: Callable[[int, int], bool]) -> None:
@@ -16,7 +17,7 @@ def _comparison(name: str, symbol: str, compare: Callable[[int, int], bool]) -> 
         return compare(a, b)
 
     compared.__doc__ = f"Whether a {symbol} b."
-    words.word("comparison", operator=symbol, name=name)(compared)
+    word("comparison", operator=symbol, name=name)(compared)
 
 
 _comparison("le", "<=", operator.le)
@@ -25,13 +26,13 @@ _comparison("lt", "<", operator.lt)
 _comparison("gt", ">", operator.gt)
 
 
-@words.word("comparison", operator="==")
+@word("comparison", operator="==")
 def equal_int(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether the numbers `a` and `b` are equal."""
     return a == b
 
 
-@words.word("comparison", steps_per_element=8)
+@word("comparison", steps_per_element=8)
 def equal(a: words.AnyArg, b: words.AnyArg) -> bool:
     """Whether `a` equals `b`. Values of different types are compared as sets, a single value as {value}."""
     if type(a) is type(b):
@@ -39,50 +40,50 @@ def equal(a: words.AnyArg, b: words.AnyArg) -> bool:
     return {words.value_key(x) for x in _as_list(a)} == {words.value_key(x) for x in _as_list(b)}
 
 
-@words.word("comparison", attribute="color")
+@word("comparison", attribute="color")
 def equal_color(a: words.ColorsArg, b: words.ColorsArg) -> bool:
     """`equal`, restricted to colours and collections of colours."""
     return equal(a, b)
 
 
-@words.word("comparison", attribute="size")
+@word("comparison", attribute="size")
 def equal_size(a: words.SizesArg, b: words.SizesArg) -> bool:
     """`equal`, restricted to sizes and collections of sizes."""
     return equal(a, b)
 
 
-@words.word("comparison", attribute="shape")
+@word("comparison", attribute="shape")
 def equal_shape(a: words.ShapesArg, b: words.ShapesArg) -> bool:
     """`equal`, restricted to shapes and collections of shapes."""
     return equal(a, b)
 
 
-@words.word("logic", operator="and")
+@word("logic", operator="and")
 def AND(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether both are true. Both must be bools, and both are evaluated."""
     return a and b
 
 
-@words.word("logic", operator="or")
+@word("logic", operator="or")
 def OR(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether at least one is true. Both must be bools, and both are evaluated."""
     return a or b
 
 
-@words.word("logic", operator="not")
+@word("logic", operator="not")
 def NOT(a: words.BoolArg) -> bool:
     """Whether `a` is false. It must be a bool."""
     return not a
 
 
-@words.word("logic", name="All")
-def every(s: words.CollectionArg, f: words.FunctionArg) -> bool:
+@word("logic", name="All")
+def every(s: CollectionArg, f: words.FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for all x in `s`; false for an empty `s`. Stops at the first failure."""
     return bool(s) and all(f(x) is True for x in s)
 
 
-@words.word("logic", name="Any")
-def some(s: words.CollectionArg, f: words.FunctionArg) -> bool:
+@word("logic", name="Any")
+def some(s: CollectionArg, f: words.FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for some x in `s`. Stops at the first success."""
     return any(f(x) is True for x in s)
 

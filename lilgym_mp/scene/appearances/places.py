@@ -13,7 +13,7 @@ from lilgym_mp.scene.actions import BOX_NAMES, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.base import Appearance, Grid
 from lilgym_mp.scene.appearances.grids import cell_size
 from lilgym_mp.scene.appearances.scatter.actions import ITEM_TYPES
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import Int64Array, Rng
 
 
 class Boxes:
@@ -46,7 +46,7 @@ class Boxes:
         """Sentences on where the places are: none, as boxes are known."""
         return iter(())
 
-    def random_edit(self, appearance: Appearance, scene: Scene, rng: np.random.Generator) -> Action:
+    def random_edit(self, appearance: Appearance, scene: Scene, rng: Rng) -> Action:
         """A random edit, legal or not."""
         return appearance.decode(1 + int(rng.integers(appearance.action_count - 1)))
 
@@ -123,7 +123,7 @@ class Cells(NamedTuple):
             f" {width} * (column - its first column) and y from {height} * row."
         )
 
-    def random_edit(self, appearance: Appearance, scene: Scene, rng: np.random.Generator) -> Action:
+    def random_edit(self, appearance: Appearance, scene: Scene, rng: Rng) -> Action:
         """A REMOVE of an item's cell as often as an ADD: a REMOVE of any cell would rarely find an item."""
         box = int(rng.integers(BOX_COUNT))
         items = scene.boxes[box].items

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Sequence
+from random import Random
 from typing import NamedTuple, Protocol
 
 from lilgym_mp.scene import Colour, Scene, Shape, Size
@@ -20,9 +20,7 @@ class ItemTypes(NamedTuple):
     sizes: tuple[Size, ...] = tuple(Size)
 
     @classmethod
-    def sample(
-        cls, rng: random.Random, shapes: Sequence[int], colours: Sequence[int], sizes: Sequence[int]
-    ) -> ItemTypes:
+    def sample(cls, rng: Random, shapes: Sequence[int], colours: Sequence[int], sizes: Sequence[int]) -> ItemTypes:
         """Random values, as many of each attribute as one of the numbers."""
         return cls(
             tuple(rng.sample(list(Shape), rng.choice(shapes))),
@@ -31,7 +29,7 @@ class ItemTypes(NamedTuple):
         )
 
     @classmethod
-    def few(cls, rng: random.Random) -> ItemTypes:
+    def few(cls, rng: Random) -> ItemTypes:
         """Random values, few of which make items alike, so that counts and comparisons vary."""
         counts = (1, 2, 2, 3, 3)
         return cls.sample(rng, counts, (1, 2, 3, 3, 3), counts)
@@ -40,19 +38,19 @@ class ItemTypes(NamedTuple):
 class Sampler(Protocol):
     """Draws random scenes of one appearance, and edits of them."""
 
-    def scene(self, rng: random.Random) -> Scene:
+    def scene(self, rng: Random) -> Scene:
         """A random scene that is not empty."""
         ...
 
-    def changed(self, rng: random.Random, scene: Scene) -> Scene:
+    def changed(self, rng: Random, scene: Scene) -> Scene:
         """The scene changed by one item, not empty."""
         ...
 
-    def legible_scene(self, rng: random.Random) -> Scene:
+    def legible_scene(self, rng: Random) -> Scene:
         """A random scene in which people see what touches what. It may be empty."""
         ...
 
-    def addition(self, rng: random.Random, item_types: ItemTypes, box: int) -> Action:
+    def addition(self, rng: Random, item_types: ItemTypes, box: int) -> Action:
         """A random ADD to a box, legal or not."""
         ...
 

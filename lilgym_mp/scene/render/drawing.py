@@ -63,7 +63,7 @@ def item_mask(footprint: int) -> BoolArray:
             draw.rectangle((0, 0, last, last), fill=1)
         case Shape.TRIANGLE:
             draw.polygon([(last - last // 2, 0), (last, last), (0, last)], fill=1)
-    return np.asarray(image, np.bool_)
+    return np.asarray(image, bool)
 
 
 @cache

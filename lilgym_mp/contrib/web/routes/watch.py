@@ -28,7 +28,7 @@ from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.programs import ProgramError
-from lilgym_mp.programs.compiler import bounded_truths
+from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import describe

@@ -33,7 +33,7 @@ LOW_PART = 10  # rows; a divisor of the heights of all higher cells
 REMOVABLE = 1 << FOOTPRINT_COUNT  # the bit for REMOVE in a cell's legal edits, above one bit for each footprint to add
 
 # (1024, 27) by legal edits of a cell: whether each item type can be added
-ADDS = (np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(np.bool_)
+ADDS = (np.arange(2 * REMOVABLE)[:, None] >> np.array(ITEM_TYPE_FOOTPRINTS) & 1).astype(bool)
 
 
 class CellPlaces(NamedTuple):
@@ -61,7 +61,8 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
     footprints = np.append(corners[:, 0], FOOTPRINT_COUNT)
     margins = [(0, 0), (0, 0), (cell_width - 1, cell_width - 1), (height - 1, height - 1)]
     clear = np.pad(clear_templates(), margins, constant_values=True)
-    columns, rows = clear.shape[2] - cell_width + 1, clear.shape[3] - height + 1
+    columns = clear.shape[2] - cell_width + 1
+    rows = clear.shape[3] - height + 1
     kept_by_place = [clear[:, footprint, x : x + columns, y : y + rows] for footprint, x, y in corners.tolist()]
     kept = _packed([*kept_by_place, _uncovered(cell_width, height)])
     distinct, indices = _distinct(kept.reshape(-1, kept.shape[-1]))
@@ -71,7 +72,7 @@ def cell_places(cell_width: int, cell_height: int, *, searches: bool) -> CellPla
         part_height=height,
         corners=corners[:, 1:],
         first_places=np.searchsorted(footprints, np.arange(FOOTPRINT_COUNT + 1)),
-        empty=_packed([*allowed[tuple(corners.T)], np.ones(allowed.shape[3:], np.bool_)]),
+        empty=_packed([*allowed[tuple(corners.T)], np.ones(allowed.shape[3:], bool)]),
         kept=distinct,
         kept_index=indices.reshape(kept.shape[:-1]).astype(np.min_scalar_type(indices.max())),
         offset=(columns - LARGEST_SIDE - 1, rows - LARGEST_SIDE - 1),
@@ -85,10 +86,12 @@ def legal_edits(items: Iterable[Item], cell: tuple[int, int], *, searches: bool)
     """(cells,) the legal edits of each cell of a box, ordered by column: bits of footprints to add, and REMOVABLE."""
     places = cell_places(*cell, searches=searches)
     free = places.empty.copy()
-    width, height = cell[0], places.part_height
+    width = cell[0]
+    height = places.part_height
     by_part = free.reshape(BOX_SIDE // width, BOX_SIDE // height, -1)
     for item in items:
-        left, top = places.offset[0] - item.x, places.offset[1] - item.y
+        left = places.offset[0] - item.x
+        top = places.offset[1] - item.y
         window = places.kept_index[item.footprint, left % width :: width, top % height :: height]
         columns, shown_columns = _overlap(-(left // width), window.shape[0], by_part.shape[0])
         rows, shown_rows = _overlap(-(top // height), window.shape[1], by_part.shape[1])
@@ -113,7 +116,8 @@ def searched(footprint: int, x: int, y: int, cell: tuple[int, int], items: Itera
     for part, free in enumerate(empty[x // cell[0] * (BOX_SIDE // cell[1]) + y // cell[1]]):
         part_y = y + part * places.part_height
         for item in items:
-            left, top = x - item[0] + places.offset[0], part_y - item[1] + places.offset[1]
+            left = x - item[0] + places.offset[0]
+            top = part_y - item[1] + places.offset[1]
             if 0 <= left < columns and 0 <= top < rows:
                 free &= kept[kept_index[FOOTPRINTS[item[2]][item[4]], left, top]]
         free &= wanted
@@ -145,12 +149,13 @@ def _overlap(start: int, length: int, size: int) -> tuple[slice, slice]:
 def _allowed_places(width: int, cell_height: int, height: int, *, searches: bool) -> BoolArray:
     """(9, width, height, cells, parts) by footprint, pixel of a part, cell and part: whether an ADD to the cell can put
     the item there in an empty box."""
-    in_cell = np.zeros((FOOTPRINT_COUNT, width, cell_height), np.bool_)
+    in_cell = np.zeros((FOOTPRINT_COUNT, width, cell_height), bool)
     if searches:
         in_cell |= _search_offsets(width, cell_height)
     in_cell[:, 0, 0] = True
     along = np.arange(BOX_SIDE) <= np.array(LAST_CORNER)[:, None]
-    columns, rows = BOX_SIDE // width, BOX_SIDE // cell_height
+    columns = BOX_SIDE // width
+    rows = BOX_SIDE // cell_height
     allowed = np.tile(in_cell, (1, columns, rows)) & along[:, :, None] & along[:, None, :]
     by_pixel = allowed.reshape(FOOTPRINT_COUNT, columns, width, rows, -1, height).transpose(0, 2, 5, 1, 3, 4)
     return by_pixel.reshape(FOOTPRINT_COUNT, width, height, columns * rows, -1)

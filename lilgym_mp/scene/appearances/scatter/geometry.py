@@ -15,11 +15,10 @@ from importlib.resources import files
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
 from lilgym_mp.scene.appearances.base import PlacementRules, fits_box
-from lilgym_mp.scene.arrays import BoolArray, UInt8Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
 Value = TypeVar("Value")
 Point = tuple[float, float]
@@ -49,7 +48,7 @@ class PlacementTables:
     # keyed by flat index in `clearance`: the nearest segments, where they matter
     ties: Mapping[int, Sequence[tuple[int, int]]]
     outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
-    pixel_areas: NDArray[np.int64]  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
+    pixel_areas: Int64Array  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
 
     def closest(self, footprint: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
         """Clearance of a new `footprint` at (x, y) to the closest of `items`, and that item (the first if several).
@@ -134,7 +133,7 @@ def placement_tables() -> PlacementTables:
         )
 
 
-def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[Value]]:
+def _runs(values: Sequence[Value], lengths: UInt8Array) -> list[Sequence[Value]]:
     """`values` cut into consecutive runs of the given lengths."""
     ends = lengths.cumsum(dtype=np.int64).tolist()
     return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
@@ -170,7 +169,7 @@ def clear_templates() -> BoolArray:
 
 
 @cache
-def _areas_before() -> NDArray[np.int64]:
+def _areas_before() -> Int64Array:
     """(9, 31, 31) by footprint, x, y: area of the shape left of x and above y."""
     areas = placement_tables().pixel_areas
     before = np.zeros((FOOTPRINT_COUNT, LARGEST_SIDE + 1, LARGEST_SIDE + 1), np.int64)
@@ -184,7 +183,7 @@ def shape_area(footprint: int) -> int:
 
 
 @cache
-def cell_areas(cell_width: int, cell_height: int) -> NDArray[np.int64]:
+def cell_areas(cell_width: int, cell_height: int) -> Int64Array:
     """Area of a shape in a cell, in AREA_UNITs, by footprint and by cell minus item top-left.
 
     Indexed [footprint, dx + cell_width - 1, dy + cell_height - 1]; an offset outside the table means no overlap.

@@ -27,7 +27,10 @@ def nearest_points(
     nearest = inf
     found = first[pairs[0][0]], second[pairs[0][1]]
     for i, j in pairs:
-        a, b, c, d = first[i], first[i + 1], second[j], second[j + 1]
+        a = first[i]
+        b = first[i + 1]
+        c = second[j]
+        d = second[j + 1]
         if _envelope_distance_squared(a, b, c, d) > nearest * nearest:
             continue
         distance = min(_to_segment(a, c, d), _to_segment(b, c, d), _to_segment(c, a, b), _to_segment(d, a, b))
@@ -49,13 +52,15 @@ def _envelope_distance_squared(a: Point, b: Point, c: Point, d: Point) -> float:
 
 
 def _distance(p: Point, q: Point) -> float:
-    dx, dy = p[0] - q[0], p[1] - q[1]
+    dx = p[0] - q[0]
+    dy = p[1] - q[1]
     return sqrt(dx * dx + dy * dy)
 
 
 def _along(p: Point, a: Point, b: Point) -> tuple[float, float, float, float]:
     """A segment's direction and squared length, and where `p` projects to on it: 0 at `a`, 1 at `b`."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
     length_squared = dx * dx + dy * dy
     return dx, dy, length_squared, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length_squared
 

@@ -182,7 +182,7 @@ class Scatter:
         return rules.searches_cell and not self.is_native
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
-        mask = np.zeros(self.action_count, np.bool_)
+        mask = np.zeros(self.action_count, bool)
         mask[0] = True
         for box, cells in zip(scene.boxes, self.box_cells, strict=True):
             adds = slice(add_index(cells.start, 0), add_index(cells.stop, 0))

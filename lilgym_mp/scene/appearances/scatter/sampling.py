@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from itertools import combinations
+from random import Random
 from typing import NamedTuple
 
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Item, Scene
@@ -28,7 +28,7 @@ class ItemPlacing(NamedTuple):
 
     attempts: int = 20
     margin: int = 0  # fewest pixels to the walls, unless the item is put at one
-    gap: Callable[[random.Random], int] = lambda rng: 0  # draws the pixels to the wall or item that it is put at
+    gap: Callable[[Random], int] = lambda rng: 0  # draws the pixels to the wall or item that it is put at
     accepts: Callable[[Box], bool] = lambda box: True  # whether the box is as required with the new item
 
 
@@ -38,7 +38,7 @@ ANYWHERE = ItemPlacing()
 class ScatterSampler:
     """Draws scenes of Scatter, which may be such that actions on the grid cannot reach them."""
 
-    def scene(self, rng: random.Random) -> Scene:
+    def scene(self, rng: Random) -> Scene:
         item_types = ItemTypes.sample(rng, *[ATTRIBUTE_VALUE_COUNTS] * 3)
         limit = rng.choice(MAX_BOX_ITEMS)
         while True:
@@ -46,7 +46,7 @@ class ScatterSampler:
             if any(scene.items()):
                 return scene
 
-    def changed(self, rng: random.Random, scene: Scene) -> Scene:
+    def changed(self, rng: Random, scene: Scene) -> Scene:
         while True:
             index = rng.randrange(BOX_COUNT)
             box = scene.boxes[index]
@@ -57,13 +57,14 @@ class ScatterSampler:
             if changed is not scene and any(changed.items()):
                 return changed
 
-    def legible_scene(self, rng: random.Random) -> Scene:
+    def legible_scene(self, rng: Random) -> Scene:
         return scattered(rng, ItemTypes.few(rng), rng.choice((1, 2, 3, 4, 6)), LEGIBLY)
 
-    def addition(self, rng: random.Random, item_types: ItemTypes, box: int) -> AddItem:
+    def addition(self, rng: Random, item_types: ItemTypes, box: int) -> AddItem:
         shapes, colours, sizes = item_types
         rows, columns = CELLS.box_shape
-        x, y = rng.randrange(columns) * CELLS.size[0], rng.randrange(rows) * CELLS.size[1]
+        x = rng.randrange(columns) * CELLS.size[0]
+        y = rng.randrange(rows) * CELLS.size[1]
         return AddItem(*CELLS.at(box, x, y), rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
 
     def removal(self, successor: Scene, box: int) -> RemoveItem:
@@ -72,7 +73,7 @@ class ScatterSampler:
         return RemoveItem(*CELLS.at(box, item.x + item.side // 2, item.y + item.side // 2))
 
 
-def scattered(rng: random.Random, item_types: ItemTypes, limit: int, placing: ItemPlacing = ANYWHERE) -> Scene:
+def scattered(rng: Random, item_types: ItemTypes, limit: int, placing: ItemPlacing = ANYWHERE) -> Scene:
     """A scene with random items, at most `limit` in each box; it may be empty."""
     scene = Scene.empty()
     for box in range(BOX_COUNT):
@@ -81,9 +82,7 @@ def scattered(rng: random.Random, item_types: ItemTypes, limit: int, placing: It
     return scene
 
 
-def with_item(
-    rng: random.Random, scene: Scene, index: int, item_types: ItemTypes, placing: ItemPlacing = ANYWHERE
-) -> Scene:
+def with_item(rng: Random, scene: Scene, index: int, item_types: ItemTypes, placing: ItemPlacing = ANYWHERE) -> Scene:
     """The scene with one item added to a box, or the same scene object when no free position was found."""
     shape = rng.choice(item_types.shapes)
     colour = rng.choice(item_types.colours)
@@ -99,7 +98,7 @@ def with_item(
     return scene
 
 
-def _random_position(rng: random.Random, side: int, others: tuple[Item, ...], placing: ItemPlacing) -> tuple[int, int]:
+def _random_position(rng: Random, side: int, others: tuple[Item, ...], placing: ItemPlacing) -> tuple[int, int]:
     """A random position in a box: anywhere, at a wall, in a corner, or beside another item."""
     last = BOX_SIDE - side
     x, y = (rng.randint(placing.margin, last - placing.margin) for _ in "xy")
@@ -112,7 +111,8 @@ def _random_position(rng: random.Random, side: int, others: tuple[Item, ...], pl
         case "beside" if others:
             other = rng.choice(others)
             slide = rng.randint(-side // 2, other.side // 2)
-            before, after = -side - gap, other.side + gap
+            before = -side - gap
+            after = other.side + gap
             dx, dy = rng.choice(((before, slide), (after, slide), (slide, before), (slide, after)))
             return other.x + dx, other.y + dy
         case _:
@@ -134,7 +134,7 @@ def _gap(one: Item, other: Item) -> int:
     return max(along_x, along_y)
 
 
-def _random_gap(rng: random.Random) -> int:
+def _random_gap(rng: Random) -> int:
     return rng.choice((0, 0, 0, rng.choice(NEAR_GAPS)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lilgym_mp.scene import BOX_COUNT, Colour
-from lilgym_mp.scene.actions import STOP, Action, AddBlock, RemoveBlock, Stop, TowerAction
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock, Stop, TowerAction
 from lilgym_mp.scene.appearances.base import ArrayForm
 
 ACTIONS: tuple[TowerAction, ...] = (
@@ -12,4 +12,4 @@ ACTIONS: tuple[TowerAction, ...] = (
     *(RemoveBlock(box) for box in range(BOX_COUNT)),
 )
 ARRAY_FORM = ArrayForm("tower", {"box": range(BOX_COUNT), "colour": tuple(Colour)}, (Stop, AddBlock, RemoveBlock))
-INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
+INDICES = {action: index for index, action in enumerate(ACTIONS)}

@@ -10,13 +10,12 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, SceneError, Shape, Size
 from lilgym_mp.scene.actions import AddBlock, RemoveBlock, Stop
 from lilgym_mp.scene.appearances.base import EveryBox, InvalidReason
 from lilgym_mp.scene.appearances.tower.actions import ACTIONS
-from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int64Array
 
 BLOCK_X = 40
 LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
@@ -29,11 +28,11 @@ class TowerTables(NamedTuple):
 
     boxes: Sequence[Box]  # (121,)
     indices: Mapping[tuple[Item, ...], int]  # keyed by the box's items
-    after: NDArray[np.int64]  # (121, 4) index of the box after adding each colour and after removing; -1 if invalid
-    colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
-    action_box: NDArray[np.int64]  # (13,) box of an action; 0 for STOP
-    action_edit: NDArray[np.int64]  # (13,) column of `after`; 0 for STOP
-    heights: NDArray[np.int64]  # (121,)
+    after: Int64Array  # (121, 4) index of the box after adding each colour and after removing; -1 if invalid
+    colours: Int8Array  # (121, 4) colour of the block on each level, -1 where there is none
+    action_box: Int64Array  # (13,) box of an action; 0 for STOP
+    action_edit: Int64Array  # (13,) column of `after`; 0 for STOP
+    heights: Int64Array  # (121,)
     legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
 
 
@@ -114,7 +113,7 @@ def _fault(box: Box) -> str:
 def legal_by_heights() -> BoolArray:
     """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
     heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
-    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
+    legal = np.ones((*heights.shape[1:], len(ACTIONS)), bool)
     for index, action in enumerate(ACTIONS):
         if isinstance(action, AddBlock):
             legal[..., index] = heights[action.box] < CAPACITY

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import random
+from random import Random
 
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
 from lilgym_mp.scene.actions import AddBlock, RemoveBlock
@@ -18,7 +18,7 @@ _RULES = PlacementRules(searches_cell=False, keeps_unfit_snaps=False, rounds_in_
 class TowerSampler:
     """Draws scenes of Tower."""
 
-    def scene(self, rng: random.Random) -> Scene:
+    def scene(self, rng: Random) -> Scene:
         colours = rng.sample(list(Colour), rng.choice(ATTRIBUTE_VALUE_COUNTS))
         scene = Scene.empty()
         while not any(scene.items()):
@@ -29,13 +29,13 @@ class TowerSampler:
 
     legible_scene = scene
 
-    def changed(self, rng: random.Random, scene: Scene) -> Scene:
+    def changed(self, rng: Random, scene: Scene) -> Scene:
         while True:
             changed = _TOWER.apply(scene, _TOWER.decode(rng.randrange(1, _TOWER.action_count)), _RULES)
             if changed.invalid is None and any(changed.scene.items()):
                 return changed.scene
 
-    def addition(self, rng: random.Random, item_types: ItemTypes, box: int) -> AddBlock:
+    def addition(self, rng: Random, item_types: ItemTypes, box: int) -> AddBlock:
         return AddBlock(box, rng.choice(item_types.colours))
 
     def removal(self, successor: Scene, box: int) -> RemoveBlock:
