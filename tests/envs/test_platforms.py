@@ -23,6 +23,7 @@ statvfs wait4 uname posix_spawn sched_setaffinity fchdir getpriority set_blockin
 SIGUSR1 setitimer fcntl resource termios pwd grp readline syslog pty tty
 """
 ASKED_FOR = {
+    ("cli/play.py", "readline"),
     ("envs/machine.py", "sched_getaffinity"),
     ("envs/processes.py", "pthread_sigmask"),
     ("envs/shared_memory.py", "memfd_create"),
