@@ -12,6 +12,7 @@ from collections import Counter
 from itertools import islice
 from pathlib import Path
 from random import Random
+from typing import Any
 from urllib.parse import quote
 
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
@@ -49,7 +50,7 @@ class RequestGenerator:
         """Method, path, and further arguments of httpx's `request`."""
         while True:
             path, method, described = self.random.choice(self.operations)
-            options = {"params": []}
+            options: dict[str, Any] = {"params": []}
             for parameter in described.get("parameters", ()):
                 name = parameter["name"]
                 text = _text(self._value(parameter.get("schema", {}), name))
