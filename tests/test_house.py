@@ -208,7 +208,7 @@ def test_core__plays_without_docstrings():
     [
         ("scatter", 6_130),
         pytest.param("ppo", 13_700, marks=pytest.mark.long),
-        pytest.param("train ppo", 14_460, marks=pytest.mark.long),
+        pytest.param("train ppo", 14_470, marks=pytest.mark.long),
     ],
 )
 def test_package__loads_few_lines_for_a_use(use, limit):
