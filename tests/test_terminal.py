@@ -123,6 +123,16 @@ def test_table__fits_columns_without_a_terminal(monkeypatch):
     assert max(map(len, lines)) <= 30
 
 
+def test_table__repeats_the_columns_that_name_a_row():
+    lines = table(
+        ["proposer", "verifier", "games", "success"], [["expert", "oracle", 788, 100.0]], 28, keys=2
+    ).splitlines()
+    assert [line.split() for line in lines if "expert" in line] == [
+        ["expert", "oracle", "788"],
+        ["expert", "oracle", "100.0"],
+    ]
+
+
 def test_text__has_letters_beside_colours_and_a_seam_below_each_block():
     blocks = [Item(40, y, Shape.SQUARE, Colour.BLUE, Size.MEDIUM) for y in (80, 59)]
     *_, upper, lower, _ = text(Scene.of(blocks, [], []), []).splitlines()

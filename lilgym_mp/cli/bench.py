@@ -31,8 +31,7 @@ from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.recording_metadata import cpu_model
-from lilgym_mp.evaluation.report import markdown_table
-from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.wrappers import action_mask_v0, text_observation_v0
 
 SPLIT = "train"
@@ -254,7 +253,7 @@ def run(args: Namespace) -> int:
         for name in names:
             found = [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)]
             _measure(found, workloads[name], rounds, seconds, partial(progress.advance, note=name))
-            print(f"\n### {name}\n\n{markdown_table(_table(found))}", flush=True)
+            print(f"\n{name}\n\n{table(COLUMNS, _rows(found), keys=3)}", flush=True)
     return 0
 
 
@@ -294,9 +293,10 @@ def _megabytes(case: Case, workload: Workload) -> float:
     return sum(trace.size for trace in found) / 1e6 + kilobytes / 1e3
 
 
-def _table(found: Sequence[Case]) -> list[Sequence[str]]:
+def _rows(found: Sequence[Case]) -> list[Sequence[str]]:
+    """COLUMNS of each case."""
     copies = {case.num_envs: case.rates for case in found if case.group == COPY}
-    rows: list[Sequence[str]] = [COLUMNS]
+    rows: list[Sequence[str]] = []
     for case in filter(lambda case: case.rates, found):
         speeds = [f"{float(f'{rate:.3g}'):,.0f}" for rate in (median(case.rates), min(case.rates), max(case.rates))]
         ratio = median(ours / theirs for ours, theirs in zip(case.rates, copies[case.num_envs], strict=False))

@@ -42,7 +42,7 @@ def statistics_text(corpus: str, sets: Sequence[TaskSet]) -> str:
         [
             f"corpus {corpus}: {path}\n{len(statements):,} statements with {len(distinct):,} programs,"
             f" {len(_vocabulary(statements)):,} words{published}",
-            table(columns, map(task_row, sets)),
+            table(columns, map(task_row, sets), keys=2),
             table(STATEMENT_COLUMNS, [statement_row(programs, *key) for key in programs]),
         ]
     )

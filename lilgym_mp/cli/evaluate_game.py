@@ -209,7 +209,7 @@ def _is_needed(proposer: str, verifier: str, runs: set[str]) -> bool:
 def games_table(results: Sequence[JSON]) -> str:
     """The results of pairs of players as a table."""
     rows = list(map(_row, results))
-    return table(list(rows[0]), [list(row.values()) for row in rows])
+    return table(list(rows[0]), [list(row.values()) for row in rows], keys=2)
 
 
 def _row(result: JSON) -> dict[str, str]:

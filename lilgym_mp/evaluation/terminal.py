@@ -136,21 +136,21 @@ def _bar() -> RichProgress:
     )
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None, *, keys: int = 1) -> str:
     """Lines with aligned columns: numbers right-aligned with thousands separators, text left-aligned.
 
     `width`: columns of the terminal, by default COLUMNS if it is set, or those of standard output if it is one. What
-    does not fit follows as further tables with the same first column; words are never split.
+    does not fit follows as further tables with the same `keys` first columns; words are never split.
     """
     cells = [[_cell(value) for value in row] for row in rows]
     widths = [max(len(name), *(len(row[column][0]) for row in cells), 0) for column, name in enumerate(header)]
     if width is None:
         fits = sys.stdout.isatty() or os.environ.get("COLUMNS")
         width = get_terminal_size().columns if fits else sum(widths) + GAP * len(header)
-    blocks = [[0]]
-    for column in range(1, len(header)):
-        if sum(widths[other] + GAP for other in blocks[-1]) + widths[column] > width and len(blocks[-1]) > 1:
-            blocks.append([0])
+    blocks = [list(range(keys))]
+    for column in range(keys, len(header)):
+        if sum(widths[other] + GAP for other in blocks[-1]) + widths[column] > width and len(blocks[-1]) > keys:
+            blocks.append(list(range(keys)))
         blocks[-1].append(column)
     padded: list[list[str]] = []  # by column
     for column, name in enumerate(header):
