@@ -265,6 +265,20 @@ def test_game__in_audit_key_1_says_that_the_claim_holds(page):
     page.wait_for_selector("#turn:text-matches('is over')")
 
 
+def test_game__a_message_of_a_past_turn_is_explained(page):
+    page.goto("/game")
+    page.click("#more summary")
+    page.select_option("[name=protocol]", "critique")
+    page.select_option("[name=proposer]", "helpful")
+    page.select_option("[name=verifier]", "person")
+    page.click("#setup [type=submit]")
+    page.click("#answers button:has-text('reject, message 3')")
+    message = page.locator("#past li abbr").first
+    message.wait_for()
+    assert message.inner_text() == "message 3"
+    assert "no fixed meaning" in message.get_attribute("title")
+
+
 def test_keys__act_after_a_click_on_the_blank_page_but_not_on_another_control(page):
     _begin(page)
     page.mouse.click(5, 700)
@@ -664,6 +678,13 @@ def test_play__keys_act_beside_the_experts_solution_and_arrows_enter_the_board(p
     assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
     page.keyboard.press("t")
     page.wait_for_selector("#end-title:focus")
+
+
+def test_play__an_action_chosen_while_the_last_one_is_sent_comes_after_it(page):
+    page.goto("/play?configuration=TowerScratch")
+    page.wait_for_selector("#episode:not([aria-busy])")
+    page.evaluate("document.querySelectorAll('.cells button').forEach((cell) => cell.click())")
+    page.wait_for_selector("#history:has-text('ADD(LEFT, YELLOW), ADD(MIDDLE, YELLOW), ADD(RIGHT, YELLOW)')")
 
 
 def test_play__a_double_click_acts_once(page):

@@ -45,7 +45,7 @@ def credit(appearance: str, before: State, after: State, outcome: str, *, asked_
         reward = signals[Outcome.CONTINUES].reward
     if potential is None or left is None:
         return Credit(None, distance, later if left is not None else None)
-    return Credit(round(potential - reward - left, DECIMALS), distance, later)
+    return Credit(round(potential - reward - left, DECIMALS) + 0.0, distance, later)  # no -0.0
 
 
 @lru_cache(maxsize=KNOWN_STATES)

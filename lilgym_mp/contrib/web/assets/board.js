@@ -1,21 +1,22 @@
 // Shared by /play, /beat and /game: a scene whose grid cells are buttons.
 
-let acting = false; // while the server takes an action
+let taken = Promise.resolve(); // the last action, which the next one waits for
+let sending = null; // its name, until it is taken: the same one again is ignored
 
-/** Takes an action in an episode or seat and shows the new state; after a conflict, the current one. Ignores another one meanwhile. */
-async function actOn(path, body, show) {
-  if (acting) return;
-  acting = true;
-  await attempt(async () => {
+/** Takes an action in an episode or seat and shows the new state; after a conflict, the current one. `rest()`: what to send with it; null: nothing. */
+function actOn(path, action, rest, show) {
+  const act = async () => {
+    const others = rest();
     try {
-      await show(await request("POST", `${path}/actions`, body));
+      if (others) await show(await request("POST", `${path}/actions`, { action, ...others }));
     } catch (fault) {
       if (fault.status === 409) await show(await request("GET", path));
       throw fault;
-    } finally {
-      acting = false;
     }
-  }, byId("board"));
+  };
+  if (action === sending) return;
+  sending = action;
+  taken = taken.catch(() => {}).then(() => attempt(act, byId("board"))).finally(() => sending === action && (sending = null));
 }
 
 const DOUBLE_CLICK_MILLISECONDS = 300;

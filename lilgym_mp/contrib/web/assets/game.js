@@ -119,15 +119,14 @@ function showAnswers() {
 }
 
 function showPast() {
-  const turns = seat.history.map((turn) => {
-    const parts = [];
-    if (turn.proposal) parts.push(`proposed ${turn.proposal}${turn.proposer_message ? ` with message ${turn.proposer_message}` : ""}`);
-    if (turn.answer) parts.push(`answered “${turn.answer}”`);
-    if (turn.verifier_message) parts.push(`with message ${turn.verifier_message}`);
-    return parts.join(", ");
-  });
-  const seen = turns.filter(Boolean);
-  byId("past").replaceChildren(...(seen.length ? seen.map((turn) => element("li", {}, turn)) : [element("li", { class: "soft" }, "Nothing yet.")]));
+  const title = "One of the numbers that players may send. It has no fixed meaning: trained pairs agree on one.";
+  const sent = (number) => (number ? [" with ", element("abbr", { title }, `message ${number}`)] : []);
+  const turns = seat.history.map((turn) => [
+    ...(turn.proposal ? [`proposed ${turn.proposal}`, ...sent(turn.proposer_message)] : []),
+    ...(turn.answer ? [turn.proposal ? ", " : "", `answered “${turn.answer}”`, ...sent(turn.verifier_message)] : []),
+  ]);
+  const seen = turns.filter((parts) => parts.length).map((parts) => element("li", {}, ...parts));
+  byId("past").replaceChildren(...(seen.length ? seen : [element("li", { class: "soft" }, "Nothing yet.")]));
 }
 
 async function legal() {
@@ -135,9 +134,9 @@ async function legal() {
   return (await request("GET", `/api/game/seats/${key}/legal`)).actions;
 }
 
-async function act(action) {
-  if (!seat || !seat.your_turn) return;
-  await actOn(`/api/game/seats/${key}`, { action, own_actions: seat.own_actions.length }, show);
+function act(action) {
+  const count = seat?.own_actions.length; // if it differs later, the partner may have moved
+  actOn(`/api/game/seats/${key}`, action, () => (seat?.your_turn && seat.own_actions.length === count ? { own_actions: count } : null), show);
 }
 
 const proposing = (key) => () => seat.role === "proposer" && board.keys[key]();

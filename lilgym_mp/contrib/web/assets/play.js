@@ -63,9 +63,9 @@ async function legal() {
   return (await request("GET", `/api/play/episodes/${episode.id}/legal`)).actions;
 }
 
-async function act(action) {
-  if (!episode || episode.over) return;
-  await actOn(`/api/play/episodes/${episode.id}`, { action, steps: episode.steps }, show);
+function act(action) {
+  const id = episode?.id;
+  actOn(`/api/play/episodes/${id}`, action, () => (episode?.id === id && !episode?.over ? { steps: episode.steps } : null), show);
 }
 
 async function showEnd() {
