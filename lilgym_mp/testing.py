@@ -175,7 +175,9 @@ def _check_single(make: Callable[[], SingleEnv], steps: int, *, exact_masks: boo
 
 
 def _check_step(step: Results, *, exact_masks: bool) -> None:
-    info, (action,), (mask,) = step["info"], step["action"], step["mask"]
+    info = step["info"]
+    (action,) = step["action"]
+    (mask,) = step["mask"]
     types = tuple(type(step[name]) for name in ("reward", "terminated", "truncated", "info"))
     _require(types == (float, bool, bool, dict), f"reward, flags and info must be float, bool, bool, dict: {types}")
     outcome = info.get("outcome")
@@ -186,7 +188,8 @@ def _check_step(step: Results, *, exact_masks: bool) -> None:
         _require(info["is_success"] == (outcome == "success"), f"is_success contradicts the outcome: {info}")
         _require(("invalid_reason" in info) == (outcome == "invalid_action"), f"invalid_reason is wrong: {info}")
     if isinstance(action, int):
-        is_valid, is_allowed = outcome != "invalid_action", bool(mask[action])
+        is_valid = outcome != "invalid_action"
+        is_allowed = bool(mask[action])
         _require(is_valid >= is_allowed, f"the mask allows action {action}, which is invalid")
         _require(not exact_masks or is_valid == is_allowed, f"the mask forbids action {action}, which is valid")
         _require(action or info["is_success"] == step["goal"], f"goal_reached was {step['goal']}, but STOP gave {info}")
@@ -253,7 +256,9 @@ class _Env:
     """An environment or VecEnv."""
 
     def __init__(self, env: Any) -> None:
-        self.env, self.action_space, self.close = env, env.action_space, env.close
+        self.env = env
+        self.action_space = env.action_space
+        self.close = env.close
 
 
 class _Single(_Env):
@@ -269,7 +274,8 @@ class _Single(_Env):
         return results
 
     def look(self) -> Results:
-        goal, state = attribute(self.env, "goal_reached")(), attribute(self.env, "state")
+        goal = attribute(self.env, "goal_reached")()
+        state = attribute(self.env, "state")
         return {"mask": [action_masks(self.env)], "goal": goal, "state": state}
 
 
@@ -277,7 +283,9 @@ class _Vector:
     """A vector environment of Gymnasium, in any autoreset mode."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        self.env, self.action_space, self.close = env, env.single_action_space, env.close
+        self.env = env
+        self.action_space = env.single_action_space
+        self.close = env.close
 
     def reset(self, seed: int | None, **options: Any) -> Results:
         return self.checked(_named(RESET, self.env.reset(seed=seed, **options)))
@@ -396,8 +404,10 @@ class _Games(_ParallelGames):
     """A batch of games, which reports infos of ends alone."""
 
     def __init__(self, games: BatchedGames) -> None:
-        self.batch, self.close = games, games.close
-        self.action_space, self.observation_space = games.single_action_spaces, games.single_observation_spaces
+        self.batch = games
+        self.close = games.close
+        self.action_space = games.single_action_spaces
+        self.observation_space = games.single_observation_spaces
 
     def reset(self, seed: int | None) -> Results:
         return self.see(self._rows(self.batch.reset(seed=seed)[0]))
@@ -447,7 +457,8 @@ def assert_same(value: Any, expected: Any, what: str = "the value") -> None:
         for index, (part, expected_part) in enumerate(zip(value, expected, strict=True)):
             assert_same(part, expected_part, f"part {index} of {what}")
     else:
-        one, other = np.asarray(value), np.asarray(expected)
+        one = np.asarray(value)
+        other = np.asarray(expected)
         if one.dtype != other.dtype or not np.array_equal(one, other):  # texts of arrays are slow
             raise AssertionError(f"{what} is {value!r} ({one.dtype}), not {expected!r} ({other.dtype})")
 

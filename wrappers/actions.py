@@ -113,7 +113,9 @@ class StopForcing(EnvWrapper[Forcing]):
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
 
 
-NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
+# One mask entry per action index, or per value of each slot
+NUMBERS = "numbers"
+SLOTS = "slots"
 MASKS = {form: form for form in (NUMBERS, SLOTS)}
 MAX_KNOWN = 100_000  # decoded arrays that are kept
 

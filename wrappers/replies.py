@@ -25,7 +25,11 @@ class Reply(NamedTuple):
 
 
 # Outcomes of replies that are not the model's answer
-CUT, FILTERED, REFUSED, FAILED, NOT_UNDERSTOOD = "cut", "filtered", "refused", "failed", "not_understood"
+CUT = "cut"
+FILTERED = "filtered"
+REFUSED = "refused"
+FAILED = "failed"
+NOT_UNDERSTOOD = "not_understood"
 NORMAL_ENDS = frozenset(
     ("stop", "stop_sequence", "end_turn", "eos", "eos_token", "tool_calls", "tool_use", "function_call", "complete")
 )

@@ -24,7 +24,10 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.arrays import AnyMapping, BoolArray, Float64Array, Int16Array, Int64Array, Strings
 
-IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
+# Observation keys that show the scene
+IMAGE = "image"
+ITEMS = "item_array"
+PLANES = "planes"
 STATEMENT = "statement"  # observation key
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 

@@ -48,7 +48,8 @@ from lilgym_mp.evaluation.terminal import Progress
 if TYPE_CHECKING:
     from lilgym_mp.contrib.llm import Failure, Player, Transcript
 
-TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
+TRANSCRIPTS = "transcripts.jsonl"
+SUMMARY = "summary.json"
 HOPELESS = 3  # failed episodes, or as many as are played at the same time, after which a run without others ends
 
 

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import GameSettings, Partner
     from lilgym_mp.envs.proposer_verifier.metrics import GameRecord
 
-TURNS, GAMES, SUMMARY = "turns.jsonl", "transcripts.jsonl", "summary.json"
+TURNS = "turns.jsonl"
+GAMES = "transcripts.jsonl"
+SUMMARY = "summary.json"
 PROTOCOLS = ("veto", "audit", "critique", "joint")
 FULL = "full"
 BOTH = "both"
@@ -174,7 +176,8 @@ def _answered(args: argparse.Namespace, settings: JSON) -> Mapping[tuple[str, ..
     """
     from lilgym_mp.contrib.llm.summary import Turn
 
-    path, turns = args.out / SUMMARY, args.out / TURNS
+    path = args.out / SUMMARY
+    turns = args.out / TURNS
     known: list[Any] = []
     if (args.resume or path.exists()) and not args.force:
         try:

@@ -59,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
     for name in rows.keys() - {each["id"] for each in scores}:
         scores.append({"id": name, "reward": 0.0, "outcome": MISSING, "details": {"reason": "there is no reply"}})
     summary = summarised(scores, {name: row.task.statement for name, row in rows.items()})
-    count, success = summary["prompts"], summary["success"]
+    count = summary["prompts"]
+    success = summary["success"]
     interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success   {success:.1%} ({success * count:.4g} of {count}; {interval})")
     for name, rate in summary["pass"].items():

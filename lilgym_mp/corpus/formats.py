@@ -33,7 +33,9 @@ HEADER_KEYS = frozenset({"format", "version", "name"})
 ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "starts"})
 START_KEYS = frozenset({"id", "label", "scene"})
 SECTIONS = "sections"  # header key of the builtin file: {"tower train": number of entries, ...} in file order
-PROGRAM, TAGS = "program", "tags"  # optional entry keys
+# Optional entry keys
+PROGRAM = "program"
+TAGS = "tags"
 LENIENT_APPEARANCE = "scatter"  # of entries of an unknown one: its scenes may be those of any
 
 Configuration = tuple[str, str, str]  # appearance, start and split

@@ -170,7 +170,9 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         for tasks in results:
             for index, task in (tasks or {}).items():
                 check_statement(task, self.single_observation_space, self._arrays)
-                self._indexed[index], self._task_ids[index], self._targets[index] = task, task.id, task.target
+                self._indexed[index] = task
+                self._task_ids[index] = task.id
+                self._targets[index] = task.target
                 self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
 
     def reset(
@@ -277,7 +279,8 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         self._draw_on_its_own()
         self._buffers.action[:] = self._checked(actions)
         self._add_tasks(self._everywhere(Engine.step))
-        result, ended = self._buffers.result, self._buffers.ended
+        result = self._buffers.result
+        ended = self._buffers.ended
         table = self._results
         # `count_nonzero` is five times as fast as `any`, like `nonzero` compared with `flatnonzero`.
         infos = self._end_infos(ended.copy()) if np.count_nonzero(ended) else {}
@@ -334,7 +337,8 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
         return {"task": task_ids, "_task": started}
 
     def _end_infos(self, ended: BoolArray) -> Infos:
-        buffers, results = self._buffers, self._results
+        buffers = self._buffers
+        results = self._results
         infos: Infos = {
             "outcome": results.endings[buffers.result],
             "_outcome": ended,
@@ -369,11 +373,13 @@ class LilGymVectorEnv(TaskEnvironment, VectorEnv[Observations, Int64Array, Any])
 
     def _last_observation(self, env_id: int) -> Observation | AnyDict:
         task = int(self._buffers.last_task[env_id])
-        statement, target = self._statements[task], self._targets[task]
+        statement = self._statements[task]
+        target = self._targets[task]
         if self._arrays is None:
             target = int(target)
         else:
-            statement, target = statement.copy(), target.copy()
+            statement = statement.copy()
+            target = target.copy()
         return {"image": self._buffers.last_image[env_id].copy(), "statement": statement, "target": target}
 
     @property

@@ -185,7 +185,8 @@ class Engine:
         return self._taken_tasks(always=False)
 
     def _taken_tasks(self, *, always: bool) -> NewTasks | None:
-        taken, self._new_tasks = self._new_tasks, {}
+        taken = self._new_tasks
+        self._new_tasks = {}
         return taken if always or self._sampler is not None else None
 
     def _start_next_episodes(self, env_ids: Int64Array) -> None:
@@ -270,8 +271,10 @@ class Engine:
             buffers.task[env_id] = self._index(env_id, state.task)
             for name in SAVED:
                 getattr(buffers, name)[env_id] = row[name]
-            self._generators[env_id], self._drawn[env_id] = deepcopy(generator), list(drawn)
-            self._episodes[env_id], self._repeats[env_id] = episodes, repeats
+            self._generators[env_id] = deepcopy(generator)
+            self._drawn[env_id] = list(drawn)
+            self._episodes[env_id] = episodes
+            self._repeats[env_id] = repeats
         return self._taken_tasks(always=True)
 
     def states(self) -> list[State]:

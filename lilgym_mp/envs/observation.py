@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 
 MAX_STATEMENT_LENGTH = 256  # characters; the space grows for longer statements
-TEXT, ARRAYS = "text", "arrays"
+TEXT = "text"
+ARRAYS = "arrays"
 FORMS = {form: form for form in (TEXT, ARRAYS)}  # forms of observations: the statement as text, or everything as arrays
 EMPTY = -1  # every field of an empty slot of an item array
 PLAIN_CHARACTERS = frozenset(string.ascii_letters + string.digits + string.punctuation + " ")
@@ -90,7 +91,8 @@ class TokenSpace(spaces.Box):
 def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementArrays | None = None) -> spaces.Dict:
     """The space of observations in the form "text", or "arrays" if `arrays` is given."""
     if arrays is None:
-        statement, target = statement_space(tasks), spaces.Discrete(2)
+        statement = statement_space(tasks)
+        target = spaces.Discrete(2)
     else:
         statement = TokenSpace(arrays)
         target = spaces.Box(0, 1, (1,), np.int64)

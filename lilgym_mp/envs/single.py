@@ -149,7 +149,8 @@ class LilGymEnv(TaskEnvironment, gym.Env[Observation, int]):
         if self.sampler is not None and (choice := self.sampler(generator, 0)) is not None:
             return self._task(choice)
         if not self._draws or generator is not self._draws_by:
-            self._draws, self._draws_by = next_draws(generator, len(self.tasks)), generator
+            self._draws = next_draws(generator, len(self.tasks))
+            self._draws_by = generator
         return self.tasks[self._draws.pop()]
 
     def step(self, action: int) -> tuple[Observation, SupportsFloat, bool, bool, AnyDict]:

@@ -36,7 +36,11 @@ MISSED_RGB = (200, 90, 0)
 PENDING_RGB = (222, 222, 222)
 SUCCESS_RGB = (0, 140, 60)
 FAILURE_RGB = (200, 40, 30)
-SCORE_WIDTH, SCORE_HEAD, SCORE_ROW, ACTION_WIDTH = 1000, 120, 68, 16  # pixels
+# Pixels
+SCORE_WIDTH = 1000
+SCORE_HEAD = 120
+SCORE_ROW = 68
+ACTION_WIDTH = 16
 SCORE_COLUMNS = (24, 232, 700)  # left edges of scenes, tasks and bars
 DARK_RGB = {  # what a film on a dark page has instead
     PAPER_RGB: (13, 17, 23),

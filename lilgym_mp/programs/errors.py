@@ -43,7 +43,8 @@ class ProgramError(ValueError):
         column = self.offset - start
         left = max(0, column - CONTEXT)
         right = min(len(line), column + CONTEXT)
-        prefix, suffix = ("..." if left else ""), ("..." if right < len(line) else "")
+        prefix = "..." if left else ""
+        suffix = "..." if right < len(line) else ""
         window = re.sub("[^ -~]", "?", line[left:right])  # so that the carets stay aligned
         indent = " " * (2 + len(prefix) + column - left)
         carets = "^" * max(1, min(len(self.piece), right - column))

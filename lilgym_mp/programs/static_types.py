@@ -42,7 +42,11 @@ class Many:
 
 
 Type = str | Many  # a str as in signatures of words: "bool", "item", "Color" ...
-BOOL, INT, ITEM, BOX, UNKNOWN = "bool", "int", "item", "box", "value"
+BOOL = "bool"
+INT = "int"
+ITEM = "item"
+BOX = "box"
+UNKNOWN = "value"
 ITEMS = Many(ITEM)
 BOXES = Many(BOX)
 Scope = Mapping[str, Type]  # by variable

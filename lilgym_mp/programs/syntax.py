@@ -331,7 +331,8 @@ class _Checker:
         self.shift = shift
 
     def refuse(self, node: ast.expr | ast.keyword | ast.arg, reason: str) -> NoReturn:
-        start, end = node.col_offset, node.end_col_offset or node.col_offset  # byte offsets, but the text is ASCII
+        start = node.col_offset  # byte offsets, but the text is ASCII
+        end = node.end_col_offset or node.col_offset
         raise ProgramError(self.source, self.shift + start, self.text[start:end], reason)
 
     def checked(self, node: ast.expr, variables: frozenset[str], depth: int) -> Node:

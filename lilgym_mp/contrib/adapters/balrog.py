@@ -40,7 +40,8 @@ class BalrogEnv(TextObservation):
     def reset(self, **arguments: Any) -> Any:
         """As Gymnasium's, with BALROG's observation."""
         text, info = super().reset(**arguments)
-        self._start, self._success = self._current(), False
+        self._start = self._current()
+        self._success = False
         self.failed_candidates: list[str] = []
         return self._observation(text), info
 

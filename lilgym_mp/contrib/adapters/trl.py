@@ -97,7 +97,8 @@ class PlanEnvironment:
         self._scene = scene
 
     def reset(self, row: str, **columns: Any) -> None:
-        self._talk, self._reward = Conversation(row_of(row), scene=self._scene), 0.0
+        self._talk = Conversation(row_of(row), scene=self._scene)
+        self._reward = 0.0
         self.regrets: list[float | None] = []  # of each turn, for trainers that reward turns
 
     def act(self, action: str) -> Any:

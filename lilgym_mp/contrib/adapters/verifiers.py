@@ -62,7 +62,8 @@ class LilgymTaskset(vf.Taskset[LilgymTask, LilgymConfig]):
         """The tasks in order. Raises ValueError for invalid settings."""
         names = ("kind", "appearance", "level", "seed", "split", "min_actions", "max_actions")
         endless = rows(**{name: getattr(self.config, name) for name in names})
-        turns, scene = self.config.turns, self.config.scene
+        turns = self.config.turns
+        scene = self.config.scene
         for row in islice(endless, self.config.size):
             talk = Conversation(row, scene=scene) if turns else None
             prompt = [message(talk.prompt, talk)] if talk else messages_of(row, scene)

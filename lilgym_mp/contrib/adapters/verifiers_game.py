@@ -63,7 +63,8 @@ class Seat:
     """Answers for the thread that plays the game by a turn of verifiers' conversation in the event loop."""
 
     def __init__(self, interaction: Any, loop: asyncio.AbstractEventLoop) -> None:
-        self._interaction, self._loop = interaction, loop
+        self._interaction = interaction
+        self._loop = loop
 
     def answer(self, messages: Sequence[Message]) -> Answer:
         """The reply to the last message; verifiers keeps those before."""

@@ -46,10 +46,14 @@ class LanguagePartner(BatchPartner):
         recalled: Mapping[str, Sequence[Turn]] | None = None,
         on_turns: OnTurns = lambda task, turns: None,
     ) -> None:
-        self._asking, self._role = asking, role
-        self._scene, self._lists_legal, self._words = scene, legal_actions, words
+        self._asking = asking
+        self._role = role
+        self._scene = scene
+        self._lists_legal = legal_actions
+        self._words = words
         self._notes = {} if notes is None else notes
-        self._concurrency, self._on_turns = concurrency, on_turns
+        self._concurrency = concurrency
+        self._on_turns = on_turns
         self._recalled = {task: list(turns) for task, turns in (recalled or {}).items()}
         self.messages: dict[str, list[Message]] = {}  # by task
         self.turns: defaultdict[str, list[Turn]] = defaultdict(list)
@@ -73,7 +77,9 @@ class LanguagePartner(BatchPartner):
 
     def _ask(self, turn: BatchTurn, row: int) -> Said | str:
         """What the model says in the game of a row, or the outcome of a game that ends."""
-        game, role, index = turn.game, self._role, int(turn.indices[row])
+        game = turn.game
+        role = self._role
+        index = int(turn.indices[row])
         mdp = turn.games.mdp(index)
         task = mdp.task.id
         note = ""

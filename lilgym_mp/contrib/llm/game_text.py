@@ -34,7 +34,8 @@ class Said(NamedTuple):
 
 def rules_of(game: Game, role: Role, words: int) -> str:
     """The rules for one agent. `words`: of a note in the verifier's own words, 0 for none."""
-    appearance, view = game.dynamics.appearance, game.views[role]
+    appearance = game.dynamics.appearance
+    view = game.views[role]
     return "\n".join(
         [
             f"A proposer and a verifier work on a picture of three boxes. You are the {role.name.lower()}. The aim"
@@ -86,8 +87,11 @@ def message_name(game: Game, role: Role, message: int) -> str:
 
 def text_of_turn(turn: BatchTurn, index: int, *, scene: str, legal: BoolArray | None, note: str) -> str:
     """What an agent sees of game `index`. `legal`: the mask of the actions to list; `note`: the other agent's."""
-    games, game, role = turn.games, turn.game, turn.role
-    view, mdp = game.views[role], games.mdp(index)
+    games = turn.games
+    game = turn.game
+    role = turn.role
+    view = game.views[role]
+    mdp = games.mdp(index)
     appearance = game.dynamics.appearance
     lines = [f"Statement: {mdp.task.statement}"] if view.statement != "none" else []
     if view.target:

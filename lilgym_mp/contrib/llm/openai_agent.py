@@ -31,7 +31,8 @@ REFUSED_IN_BODY = ("model", *REFUSED_FIELDS)
 OBJECTS = frozenset(("extra_body", "extra_headers", "extra_query"))
 SHOWN = 300  # characters of a server's error
 BUSY = (408, 409, 429)  # besides 500 and above: status codes after which a request is sent again
-FIRST_PAUSE, LONGEST_PAUSE = 0.5, 8.0  # seconds before another attempt; doubled each time
+FIRST_PAUSE = 0.5  # seconds before another attempt; doubled each time
+LONGEST_PAUSE = 8.0
 LONGEST_WAIT = 120.0  # seconds that a server may ask to wait
 MOST_TOKENS = 10**12  # of an answer; a higher count is none
 _BUSY_WORDS = re.compile(
@@ -95,7 +96,8 @@ class OpenAIAgent:
         if timeout is not None and not (type(timeout) in (int, float) and 0 < timeout <= threading.TIMEOUT_MAX):
             raise ModelError(f"timeout must be a number of seconds above 0 or null, not {timeout!r}")
         self._openai: Any = openai
-        self._timeout, self._retries = timeout, retries
+        self._timeout = timeout
+        self._retries = retries
         self._client: Any = openai.OpenAI(api_key=self._key or "none", base_url=url, timeout=timeout, max_retries=0)
         if "max_completion_tokens" in fields and max_tokens == DEFAULT_TOKENS:
             max_tokens = None

@@ -82,7 +82,8 @@ def progression(solver: Solver, start: State, last: State, *, success: bool) -> 
     """
     if success:
         return 1.0
-    total, left = solver.distance(start), solver.distance(last)
+    total = solver.distance(start)
+    left = solver.distance(last)
     return 0.0 if total is None or left is None else max(0.0, 1 - left / total)
 
 
@@ -124,7 +125,8 @@ def summarise_transcripts(
     Raises:
         ValueError: Without episodes.
     """
-    count, successes = len(episodes), sum(episode.is_success for episode in episodes)
+    count = len(episodes)
+    successes = sum(episode.is_success for episode in episodes)
     if not count:
         raise ValueError("cannot summarise zero episodes")
     low, high = success_interval([(episode.statement, float(episode.is_success)) for episode in episodes])

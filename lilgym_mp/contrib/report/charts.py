@@ -15,7 +15,10 @@ from lilgym_mp.scene.arrays import Float64Array, UInt8Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+BLUE = "#0072b2"
+ORANGE = "#e69f00"
+GREEN = "#009e73"
+VERMILION = "#d55e00"
 # The first six also differ when the page inverts them for a dark screen.
 OKABE_ITO = (BLUE, ORANGE, GREEN, "#cc79a7", "#000000", "#f0e442", VERMILION, "#56b4e9")
 HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey

@@ -16,7 +16,9 @@ from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.scene.actions import named
 from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
-TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"  # written by `lilgym-mp llm play`
+# Written by `lilgym-mp llm play`
+TRANSCRIPTS = "transcripts.jsonl"
+SUMMARY = "summary.json"
 GAME_TURNS = "turns.jsonl"  # besides these, for games
 PEOPLE = "people"
 

@@ -25,7 +25,10 @@ from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.replies import ASK_AGAIN, NOT_UNDERSTOOD, THOUGHTS, parse_reply, unusual_end
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, text_of
 
-SUCCESS, WRONG, NO_STOP = "success", "wrong", "no_stop"  # besides the rules' outcomes and those of replies
+# Besides the rules' outcomes and those of replies
+SUCCESS = "success"
+WRONG = "wrong"
+NO_STOP = "no_stop"
 Checked = tuple[str, AnyDict]  # the outcome and details of a reply
 REWARD_LINE = "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode."
 

@@ -115,7 +115,8 @@ def changed_item(before: Scene, after: Scene) -> JSON | None:
 
 def removable_items(dynamics: Dynamics, scene: Scene) -> dict[str, JSON]:
     """The item that each legal REMOVE removes, by the action's name."""
-    appearance, placement = dynamics.appearance, dynamics.rules.placement
+    appearance = dynamics.appearance
+    placement = dynamics.rules.placement
     removals = action_arrays(appearance)[:, 0] == ActionType.REMOVE
     found: dict[str, JSON] = {}
     for index in np.flatnonzero(removals & appearance.legal_mask(scene, placement)).tolist():

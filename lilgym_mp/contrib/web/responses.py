@@ -119,14 +119,17 @@ def _respond(request: Request, fault: Any) -> Response:
     if isinstance(fault, FrameworkException):
         default = HTTPStatus(fault.status_code).phrase
         said = {404: f"there is nothing at {path}", 405: f"{path} does not accept {request.method} requests"}
-        status, message = fault.status_code, str(fault.detail)
+        status = fault.status_code
+        message = str(fault.detail)
         message = said.get(status, message) if message == default else message
     elif isinstance(fault, RequestValidationError):
         errors = (f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in fault.errors())
-        status, message = 422, "; ".join(errors)
+        status = 422
+        message = "; ".join(errors)
     elif isinstance(fault, (sqlite3.OperationalError, DatabaseError)):
         LOGGER.error("database: %s", fault)
-        status, message = 503, "the database is not responding; nothing was saved: try again"
+        status = 503
+        message = "the database is not responding; nothing was saved: try again"
     elif status == 500:
         LOGGER.error("%s %s failed", request.method, path, exc_info=fault)
         message = "something went wrong on the server; nothing was saved"

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 MAX_FILES = 2_000  # listed per kind
 RECORDING_CACHE_SIZE = 6
 AGENT_CACHE_SIZE = 8
-SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
+# Followed by the agent's name, or by the run's id
+SHIPPED_PREFIX = "agent:"
+RUN_PREFIX = "run:"
 PARSER = SHIPPED_PREFIX + "parse-and-plan"  # reads any sentence, plays every configuration
 
 
@@ -134,7 +136,8 @@ def _find(directory: Path, pattern: str) -> dict[str, FoundFile]:
     found: dict[str, FoundFile] = {}
     for path in islice(sorted(directory.rglob(pattern)), MAX_FILES):
         with suppress(OSError):  # removed since it was listed
-            status, relative = path.stat(), path.relative_to(directory)
+            status = path.stat()
+            relative = path.relative_to(directory)
             name = str(relative.parent) if pattern == AGENT_FILE else str(relative).removesuffix(SUFFIX)
             key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
             found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))

@@ -47,7 +47,8 @@ async def guard(options: ServeOptions, request: Request, call_next: RequestRespo
 
 async def _respond(request: Request, call_next: RequestResponseEndpoint) -> Response:
     """The response of a route: to HEAD, that of GET without its body; to a path that ends in "/", a redirection."""
-    path, method = request.scope["path"], request.method
+    path = request.scope["path"]
+    method = request.method
     if path.endswith("/") and path.strip("/") and method in SAFE_METHODS:
         return _redirection(request, f"../{path.rstrip('/').rpartition('/')[2]}", 307)
     if method != "HEAD":
@@ -98,7 +99,8 @@ def _check_origin(headers: Headers, host_names: tuple[str, ...]) -> None:
 
     A page of another server cannot set X-Forwarded-Host, which a proxy that changes the Host header adds.
     """
-    site, origin = headers.get("sec-fetch-site", "none"), _split(headers.get("origin", ""))
+    site = headers.get("sec-fetch-site", "none")
+    origin = _split(headers.get("origin", ""))
     own = (headers.get("host", ""), headers.get("x-forwarded-host"))
     is_other = "origin" in headers and origin.netloc not in own and origin.hostname not in host_names
     if site not in ("same-origin", "none"):

@@ -207,7 +207,8 @@ class TowerStatements(Statements):
 
     def two_ends(self) -> Condition:
         """ "a black top and a yellow base" """
-        (top,), (base,) = self.colour(), self.colour()
+        (top,) = self.colour()
+        (base,) = self.colour()
         upper = Attributes((top,))
         lower = Attributes((base,))
         if top == base:

@@ -113,7 +113,8 @@ def start_episodes(
         for index in range(drawing.background.shape[0]):
             scenes.images[env_id, index] = drawing.background[index]
         for box in range(BOX_COUNT):
-            row, start = env_id * BOX_COUNT + box, tasks[k] * BOX_COUNT + box
+            row = env_id * BOX_COUNT + box
+            start = tasks[k] * BOX_COUNT + box
             for slot in range(scenes.counts[row]):
                 scenes.items[row, slot] = NO_ITEM
             scenes.counts[row] = 0
@@ -132,17 +133,23 @@ def draw_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int, sign:
     if scenes.is_unfit[row // BOX_COUNT]:
         return
     x, y, item_type = decode_item(item)
-    odd_x, odd_y, shrink = x & 1, y & 1, drawing.shrink
-    left, top, env_id = (x - odd_x) // shrink, (y - odd_y) // shrink, row // BOX_COUNT
+    odd_x = x & 1
+    odd_y = y & 1
+    shrink = drawing.shrink
+    left = (x - odd_x) // shrink
+    top = (y - odd_y) // shrink
+    env_id = row // BOX_COUNT
     first = 3 * (top * drawing.width + row % BOX_COUNT * (BOX_PITCH // shrink) + left)
     line = item_type if sign > 0 else ITEM_TYPE_COUNT
     for i in range(drawing.run_counts[item_type, odd_x, odd_y]):
-        start, stop = drawing.runs[item_type, odd_x, odd_y, i, 0], drawing.runs[item_type, odd_x, odd_y, i, 1]
+        start = drawing.runs[item_type, odd_x, odd_y, i, 0]
+        stop = drawing.runs[item_type, odd_x, odd_y, i, 1]
         byte = np.uint64(first + 3 * (i * drawing.width + start))
         for k in range(np.uint64(3 * (stop - start))):
             scenes.images[env_id, byte + k] = drawing.lines[line, k]
     for edge in range(drawing.edge_counts[item_type, odd_x, odd_y]):
-        i, j = drawing.edges[item_type, odd_x, odd_y, edge, 0], drawing.edges[item_type, odd_x, odd_y, edge, 1]
+        i = drawing.edges[item_type, odd_x, odd_y, edge, 0]
+        j = drawing.edges[item_type, odd_x, odd_y, edge, 1]
         count = scenes.weighted[row, top + i, left + j] + sign * drawing.edges[item_type, odd_x, odd_y, edge, 2]
         scenes.weighted[row, top + i, left + j] = count
         byte = np.uint64(first + 3 * (i * drawing.width + j))
@@ -163,7 +170,8 @@ def append_item(drawing: DrawingTables, scenes: Scenes, row: int, item: int) -> 
 @inlined
 def delete_item(drawing: DrawingTables, scenes: Scenes, row: int, slot: int) -> None:
     """Deletes an item of a box."""
-    item, last = scenes.items[row, slot], scenes.counts[row] - 1
+    item = scenes.items[row, slot]
+    last = scenes.counts[row] - 1
     for later in range(slot, last):
         scenes.items[row, later] = scenes.items[row, later + 1]
     scenes.items[row, last] = NO_ITEM
@@ -217,8 +225,10 @@ def edit_tower_scenes(
         reasons[k] = NO_REASON
         if actions[k] == 0:
             continue
-        row, edit = env_ids[k] * BOX_COUNT + tables.boxes[actions[k]], tables.edits[actions[k]]
-        before, after = stacks[row], tables.after[stacks[row], edit]
+        row = env_ids[k] * BOX_COUNT + tables.boxes[actions[k]]
+        edit = tables.edits[actions[k]]
+        before = stacks[row]
+        after = tables.after[stacks[row], edit]
         if after < 0:
             reasons[k] = tables.reasons[edit]
         elif applies[k]:
@@ -265,11 +275,14 @@ def evaluate_programs(
             most = max(most, scenes.counts[first_row + box])
         if most > MAX_BOX_ITEMS:
             continue
-        first, last = programs.ends[chosen[k]], programs.ends[chosen[k] + 1]
+        first = programs.ends[chosen[k]]
+        last = programs.ends[chosen[k] + 1]
         is_known = True
         for index in range(last - first):
             row = first + index
-            operation, a, b = programs.rows[row, 0], programs.rows[row, 1], programs.rows[row, 2]
+            operation = programs.rows[row, 0]
+            a = programs.rows[row, 1]
+            b = programs.rows[row, 2]
             if operation == Operation.CONSTANT:
                 value = a
             elif operation == Operation.LENGTH:
@@ -292,7 +305,8 @@ def evaluate_programs(
                 while value < BITS and not (values[a] >> value) & 1:
                     value += 1
             elif operation == Operation.BIT_COUNT:
-                value, left = 0, values[a]
+                value = 0
+                left = values[a]
                 while left > 0:
                     left &= left - 1
                     value += 1

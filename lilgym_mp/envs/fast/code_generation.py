@@ -257,7 +257,8 @@ class Generator:
 
     def arithmetic(self, node: Arithmetic, scope: Scope) -> Value:
         """Code for integers; a remainder needs a constant divisor other than 0."""
-        left, right = self.lower(node.left, scope), self.lower(node.right, scope)
+        left = self.lower(node.left, scope)
+        right = self.lower(node.right, scope)
         self.charge_operator(left, right)
         if isinstance(left, ir.Int) and isinstance(right, ir.Int):
             if node.operator == "%" and (node.right == Constant(0) or not isinstance(node.right, Constant)):
@@ -421,7 +422,8 @@ class Generator:
                 items.extend(ir.ItemRef(ir.LoopIndex(name), box=part.box) for name in names)
                 loops.append((names, part.mask))
             choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes.values())
-            max_runs, self.max_runs = self.max_runs, self.max_runs * choices
+            max_runs = self.max_runs
+            self.max_runs = self.max_runs * choices
             self.charge_lambda(function.body)
             chosen: Scope = {**scope, function.parameter: ir.static_list(items)}
             condition = self.condition(function.body, chosen, strict=strict)
@@ -493,7 +495,8 @@ class Generator:
         index = f"i{self.variables}"
         item = ir.ItemRef(ir.LoopIndex(index), box=part.box)
         bound: Scope = {**scope, function.parameter: item}
-        max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
+        max_runs = self.max_runs
+        self.max_runs = self.max_runs * box_functions.MAX_BOX_ITEMS
         self.charge_lambda(function.body)
         masks, rest = self.split(function, item, bound, strict=strict)
         for mask in masks:

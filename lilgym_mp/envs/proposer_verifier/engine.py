@@ -32,7 +32,9 @@ from lilgym_mp.scene.render import draw
 
 ROLES = {AGENTS[role]: role for role in Role}
 INTENTS = {intent.name.lower(): intent for intent in Intent}
-NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
+# Forms of observations; with vectors, the masks are in infos
+NESTED = "nested"
+VECTOR = "vector"
 RESET_OPTIONS = ("task", "intent")
 Layer = Callable[[Role, AgentObservation], AgentObservation]  # a wrapper of every environment around an engine
 

@@ -33,7 +33,9 @@ NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 EDIT = int(ProposalType.EDIT)
 _MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether each agent is to move
 
-_FIRST, _NONE = np.zeros(1, np.int64), np.zeros(0, np.int64)  # indices of games
+# Indices of games
+_FIRST = np.zeros(1, np.int64)
+_NONE = np.zeros(0, np.int64)
 
 Info = AnyDict
 Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)

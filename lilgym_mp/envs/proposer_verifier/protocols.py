@@ -16,7 +16,9 @@ from lilgym_mp.scene.choices import choose, register
 AGENTS = ("proposer_0", "verifier_0")  # indexed by role
 NO_CHOICE = -1  # sentinel for a missing or illegal choice
 STOP_ACTION = 0  # index of the MDP's STOP (`appearances.Appearance`)
-REJECT, ACCEPT = 0, 1  # indices of the verifier's answers; in "joint", 0 continues and 1 stops
+# Indices of the verifier's answers; in "joint", 0 continues and 1 stops
+REJECT = 0
+ACCEPT = 1
 
 
 class Role(IntEnum):

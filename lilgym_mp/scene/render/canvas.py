@@ -90,7 +90,8 @@ class Canvas:
 
     def show(self, scene: Scene) -> UInt8Array:
         """The buffer, showing `scene`; valid until the next call."""
-        before, after = self._shown, scene.boxes
+        before = self._shown
+        after = scene.boxes
         self._shown = None  # until finished, so that the buffer is redrawn completely after an interrupt
         if before is not None and (
             (after[0] is before[0] or self._update(0, before[0], after[0]))
@@ -104,7 +105,8 @@ class Canvas:
 
     def _update(self, index: int, before: Box, after: Box) -> bool:
         """Makes a box show `after`; False, and nothing done, unless one item was added at the end or removed."""
-        old, new = before.items, after.items
+        old = before.items
+        new = after.items
         kept = after.memo.get(self._added_key)
         if kept is None or kept[0] is not old:
             kept = before.memo.get(self._removed_key)
@@ -119,7 +121,8 @@ class Canvas:
 
     def _blit(self, before: Box, after: Box) -> Blit | None:
         """The blit that turns `before` into `after`, None as in `_update`."""
-        old, new = before.items, after.items
+        old = before.items
+        new = after.items
         difference = len(new) - len(old)
         if difference == 1 and new[:-1] == old:
             blit = _patch_blit(new[-1], old, self._patches, self._shrink, shown=True)
@@ -198,8 +201,10 @@ def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: i
     """
     x, y, shape, colour, size = item
     width, height, alone, bare, _, _ = patches[shape][colour][size][x & 1][y & 1]
-    left, top = x & -2, y & -2
-    right, bottom = left + width, top + height
+    left = x & -2
+    top = y & -2
+    right = left + width
+    bottom = top + height
     if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
         return None
     near: list[Item] = []
@@ -229,7 +234,8 @@ def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item]
             return None
         x, y, item_shape, colour, size = item
         _, _, _, _, own_drawn, own_counts = patches[item_shape][colour][size][x & 1][y & 1]
-        across, down = (x & -2) - left, (y & -2) - top
+        across = (x & -2) - left
+        down = (y & -2) - top
         shift = down * pitch + across
         own_drawn = own_drawn << shift if shift >= 0 else own_drawn >> -shift
         if drawn & own_drawn:

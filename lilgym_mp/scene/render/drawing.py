@@ -100,8 +100,10 @@ def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
 def _paint(pixels: UInt8Array, item: Item, x: int, y: int) -> None:
     """Draws an item with its bounding square at (x, y) of the native image, clipped to the image."""
     side = item.side
-    left, top = max(0, x), max(0, y)
-    right, bottom = min(IMAGE_WIDTH, x + side), min(IMAGE_HEIGHT, y + side)
+    left = max(0, x)
+    top = max(0, y)
+    right = min(IMAGE_WIDTH, x + side)
+    bottom = min(IMAGE_HEIGHT, y + side)
     if left < right and top < bottom:
         drawn = item_mask(item.footprint)[top - y : bottom - y, left - x : right - x]
         pixels[top:bottom, left:right][drawn] = COLOUR_RGB[item.colour]
@@ -150,7 +152,8 @@ def palette(shrink: int) -> Palette:
 def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> Stamp:
     """The shrunken drawing of an item; `odd_x` and `odd_y` are the offsets of its corner from even pixels."""
     side = FOOTPRINT_SIDES[footprint]
-    width, height = odd_x + side + (odd_x + side) % 2, odd_y + side + (odd_y + side) % 2
+    width = odd_x + side + (odd_x + side) % 2
+    height = odd_y + side + (odd_y + side) % 2
     drawn = np.zeros((height, width), np.uint8)
     drawn[odd_y : odd_y + side, odd_x : odd_x + side] = item_mask(footprint)
     blocks = drawn.reshape(height // shrink, shrink, width // shrink, shrink).sum((1, 3), dtype=np.uint8)

@@ -14,9 +14,10 @@ function actOn(path, action, rest, show) {
       throw fault;
     }
   };
-  if (action === sending) return;
+  if (action === sending) return taken;
   sending = action;
   taken = taken.catch(() => {}).then(() => attempt(act, byId("board"))).finally(() => sending === action && (sending = null));
+  return taken;
 }
 
 const DOUBLE_CLICK_MILLISECONDS = 300;
@@ -157,7 +158,6 @@ class Board {
   }
 
   focus() {
-    const cell = [...this.cells.children].find((each) => each.tabIndex === 0);
-    if (cell) cell.focus({ preventScroll: true });
+    [...this.cells.children].find((each) => each.tabIndex === 0)?.focus({ preventScroll: true });
   }
 }

@@ -136,7 +136,7 @@ async function legal() {
 
 function act(action) {
   const count = seat?.own_actions.length; // if it differs later, the partner may have moved
-  actOn(`/api/game/seats/${key}`, action, () => (seat?.your_turn && seat.own_actions.length === count ? { own_actions: count } : null), show);
+  return actOn(`/api/game/seats/${key}`, action, () => (seat?.your_turn && seat.own_actions.length === count ? { own_actions: count } : null), show);
 }
 
 const proposing = (key) => () => seat.role === "proposer" && board.keys[key]();

@@ -65,7 +65,7 @@ async function legal() {
 
 function act(action) {
   const id = episode?.id;
-  actOn(`/api/play/episodes/${id}`, action, () => (episode?.id === id && !episode?.over ? { steps: episode.steps } : null), show);
+  return actOn(`/api/play/episodes/${id}`, action, () => (episode?.id === id && !episode?.over ? { steps: episode.steps } : null), show);
 }
 
 async function showEnd() {

@@ -70,7 +70,8 @@ def score(services: Services, episode: Episodes, agent: Opponent = PARSER) -> JS
 @api.get("/picture", response_class=Response)
 def picture(services: Services, episode: Episodes, agent: Opponent = PARSER) -> Response:
     """The same as a PNG image. Responds with 409 before an episode is over."""
-    rows, name = _rows(services, episode, agent), _name(services, agent)
+    rows = _rows(services, episode, agent)
+    name = _name(services, agent)
     if not rows:
         raise HTTPException(409, "no episode is over yet")
     title = load_episode(services, episode[0]).row.configuration
@@ -95,7 +96,8 @@ def _rows(services: AppServices, ids: Sequence[str], agent: str) -> list[Row]:
 
 
 def _row(services: AppServices, loaded: LoadedEpisode, agent: str) -> Row:
-    row, task = loaded.row, loaded.task
+    row = loaded.row
+    task = loaded.task
     solved = row.outcome == "success" and not row.shown_solution
     file = services.runs.file_of(agent)
     others = _others(services, agent, file, row.configuration, row.split, task.id)
@@ -109,7 +111,8 @@ def _others(
     """The actions with which the agent, of this file, solves a task, and of a shortest solution."""
     solved = None
     if agent != PARSER or agent in services.runs.agents():
-        settings, opponent = services.settings(configuration), services.runs.agent(agent)
+        settings = services.settings(configuration)
+        opponent = services.runs.agent(agent)
         plays = opponent.description.configurations
         if configuration not in plays:
             raise HTTPException(422, f"this agent plays {', '.join(plays)}, not {configuration}; choose another")
@@ -122,7 +125,8 @@ def _told(rows: Sequence[Row], agent: str, player: str = "You") -> tuple[str, st
     """Who won, by tasks solved and then by actions taken for them, and the numbers."""
     own = [row.you for row in rows if row.you is not None]
     agents = [row.agent for row in rows if row.agent is not None]
-    mine, other = (len(own), -sum(own)), (len(agents), -sum(agents))
+    mine = (len(own), -sum(own))
+    other = (len(agents), -sum(agents))
     verdict = "A draw." if mine == other else f"{player if mine > other else agent} won."
     theirs = f"{agent} {len(agents)} in {sum(agents)}"
     shortest = f"The shortest solutions of all take {sum(row.shortest or 0 for row in rows)}."

@@ -113,7 +113,8 @@ def list_statements(services: AppServices, appearance: str, split: str) -> tuple
         except NoTasksError:
             continue
         for task in (*tasks, *tasks.without_program):
-            said, program = task.statement, task.program
+            said = task.statement
+            program = task.program
             new = CorpusStatement(appearance, split, task.id, said, program, len(words(said)), [])
             found.setdefault((said, program), new).tasks.append((start, task))
     if not found:

@@ -53,7 +53,8 @@ from lilgym_mp.scene.arrays import Int64Array
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
 
-PERSON, EXPERT = "person", "expert"
+PERSON = "person"
+EXPERT = "expert"
 PARTNER_TITLES: dict[str, str] = {
     EXPERT: "expert: edits towards its goal",
     "helpful": "helpful: edits at random, claims if true",
@@ -208,7 +209,8 @@ def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
 
 def _reason(live: LiveGame, name: str) -> str:
     """Why an edit is illegal; empty for what is none."""
-    dynamics, scene = live.engine.game.dynamics, live.engine.state.mdp.scene
+    dynamics = live.engine.game.dynamics
+    scene = live.engine.state.mdp.scene
     with suppress(ActionError):
         invalid = dynamics.appearance.apply(scene, named(name), dynamics.rules.placement).invalid
         return "" if invalid is None else f": {INVALID_EXPLANATIONS[invalid]}"
@@ -217,12 +219,15 @@ def _reason(live: LiveGame, name: str) -> str:
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:
     """The observation of the agent in this seat. Parts excluded from its view are null."""
-    game, state = live.engine.game, live.engine.state
+    game = live.engine.game
+    state = live.engine.state
     observation = live.engine.observe(role)["observation"]
     legal = live.legal(role)
-    intent, message = observation.get("intent"), observation.get("message")
+    intent = observation.get("intent")
+    message = observation.get("message")
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
-    dynamics, scene = game.dynamics, state.mdp.scene
+    dynamics = game.dynamics
+    scene = state.mdp.scene
     proposed = None if state.proposal is None else dynamics.appearance.decode(state.proposal)
     return {
         "role": role.name.lower(),
@@ -255,7 +260,8 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
 def _end_body(live: LiveGame) -> JSON:
     """The end of the game, revealed to both seats: the value reached, and what each knew."""
     state = live.engine.state
-    task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
+    task = state.mdp.task
+    value = state.mdp.task.truth(state.mdp.scene)
     return {
         **pick(task, "statement", "target"),
         "reached": value is task.target,

@@ -149,7 +149,8 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services) -> JSON:
     """Takes an action; an illegal one is refused."""
     with services.database.write() as connection:
         loaded = find_loaded(connection, services, episode_id)
-        row, dynamics = loaded.row, loaded.dynamics
+        row = loaded.row
+        dynamics = loaded.dynamics
         if loaded.over:
             raise HTTPException(409, "this episode is over; start a new one")
         if taken.steps != loaded.state.steps:
@@ -193,7 +194,8 @@ def solution(episode_id: RandomId, services: Services) -> JSON:
 
 def _episode_body(loaded: LoadedEpisode) -> JSON:
     """An episode as its player sees it. The program stays hidden until the end."""
-    row, appearance = loaded.row, loaded.dynamics.appearance
+    row = loaded.row
+    appearance = loaded.dynamics.appearance
     return {
         **pick(row, "id", "configuration", "split", "task_id", "outcome", "shown_solution"),
         **pick(loaded.task, "statement", "target"),
@@ -211,7 +213,8 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
 
 def _end_body(loaded: LoadedEpisode) -> JSON:
     """The rule that ended the episode, with the value of each part of the program."""
-    task, scene = loaded.task, loaded.state.scene
+    task = loaded.task
+    scene = loaded.state.scene
     return {
         "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
         "program": task.program,

@@ -62,7 +62,8 @@ def read(new: NewSentence, services: Services) -> JSON:
 
     agent = services.runs.agent(PARSER)
     assert isinstance(agent, ParseAndPlanAgent)
-    configuration, start = configuration_name(new.appearance, SCRATCH), Scene.empty()
+    configuration = configuration_name(new.appearance, SCRATCH)
+    start = Scene.empty()
     with in_turn(_PLANNING, PLANNING_SECONDS, "many sentences are being read"), refusing():
         plan = agent.planner(services.settings(configuration)).short_plan(start, new.sentence, new.target)
     understood = plan.parse.is_understood

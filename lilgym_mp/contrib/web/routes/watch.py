@@ -108,7 +108,8 @@ def record(new: NewRecording, services: Services) -> JSON:
 def recording(recording_id: RecordingId, services: Services) -> JSON:
     """A recording: agent, settings, outcome counts, its episodes, and other recordings of the same tasks."""
     recording = services.runs.read(recording_id)
-    header, episodes = recording.header, recording.episodes
+    header = recording.header
+    episodes = recording.episodes
     files = services.runs.recordings()
     return {
         **next(_summary(*each) for each in files.items() if each[0].id == recording_id),
@@ -154,7 +155,8 @@ def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
 def film(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> Response:
     """An episode as an animated GIF. Responds with 422 if its task is not there."""
     recording = services.runs.read(recording_id)
-    found, header = _find_episode(recording, index), recording.header
+    found = _find_episode(recording, index)
+    header = recording.header
     with refusing(), TemporaryDirectory() as directory:
         path = pathlib.Path(directory, "film.gif")
         film_frames(path, [list(episode_frames(header.settings.make(header.split), found))], columns=1)

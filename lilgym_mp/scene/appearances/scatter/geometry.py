@@ -85,7 +85,8 @@ class PlacementTables:
 
     def points(self, footprint: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
         """End points of outline segments of an item of `footprint` at (x, y), by index."""
-        centre_x, centre_y = x + FOOTPRINT_SIDES[footprint] / 2, y + FOOTPRINT_SIDES[footprint] / 2
+        centre_x = x + FOOTPRINT_SIDES[footprint] / 2
+        centre_y = y + FOOTPRINT_SIDES[footprint] / 2
         outline = self.outlines[footprint]
         return {
             i: (centre_x + outline[i][0], centre_y + outline[i][1])
@@ -155,7 +156,8 @@ def snapped(
     move_x, move_y = placement_tables().move(footprint, x, y, closest, frame_x)
     if not (move_x or move_y):
         return x, y
-    new_x, new_y = x + move_x, y + move_y
+    new_x = x + move_x
+    new_y = y + move_y
     if rules.keeps_unfit_snaps or (fits_box(footprint, new_x, new_y) and is_free(footprint, new_x, new_y, items)):
         return new_x, new_y
     return x, y
@@ -189,11 +191,16 @@ def cell_areas(cell_width: int, cell_height: int) -> Int64Array:
     Indexed [footprint, dx + cell_width - 1, dy + cell_height - 1]; an offset outside the table means no overlap.
     """
     before = _areas_before()
-    width, height = LARGEST_SIDE + cell_width - 1, LARGEST_SIDE + cell_height - 1
-    start_x, start_y = np.arange(width) - (cell_width - 1), np.arange(height) - (cell_height - 1)
-    low_x, high_x = start_x.clip(0), (start_x + cell_width).clip(max=LARGEST_SIDE)
-    low_y, high_y = start_y.clip(0), (start_y + cell_height).clip(max=LARGEST_SIDE)
-    right, left = before[:, high_x], before[:, low_x]
+    width = LARGEST_SIDE + cell_width - 1
+    height = LARGEST_SIDE + cell_height - 1
+    start_x = np.arange(width) - (cell_width - 1)
+    start_y = np.arange(height) - (cell_height - 1)
+    low_x = start_x.clip(0)
+    high_x = (start_x + cell_width).clip(max=LARGEST_SIDE)
+    low_y = start_y.clip(0)
+    high_y = (start_y + cell_height).clip(max=LARGEST_SIDE)
+    right = before[:, high_x]
+    left = before[:, low_x]
     return right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
 
 

@@ -173,7 +173,8 @@ class Scatter:
 
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell
-        dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
+        dx = cell_x - item.x + width - 1
+        dy = cell_y - item.y + height - 1
         areas = geometry.cell_areas(width, height)[item.footprint]
         return int(areas[dx, dy]) if 0 <= dx < areas.shape[0] and 0 <= dy < areas.shape[1] else 0
 
