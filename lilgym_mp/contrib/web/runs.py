@@ -78,7 +78,7 @@ class Runs:
         """Names of agents to display, by form value."""
         if find_spec("torch") is None:
             return {}
-        shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
+        shipped = {SHIPPED_PREFIX + name: f"{name} (included)" for name in shipped_agents()}
         return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._find(AGENT_FILE).values()}
 
     def file_of(self, name: str) -> FoundFile | None:
