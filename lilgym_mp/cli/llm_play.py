@@ -42,7 +42,16 @@ from lilgym_mp.cli.options import (
 )
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation.files import fresh_file, json_line, numbered, read_lines, write_json, write_lines
+from lilgym_mp.evaluation.files import (
+    fresh_file,
+    json_line,
+    locked,
+    numbered,
+    read_lines,
+    writable_directory,
+    write_json,
+    write_lines,
+)
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
@@ -106,7 +115,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Plays episodes with a language model, writes transcripts and prints a summary."""
-    from lilgym_mp.contrib.llm import Player, make_agent, summarise_transcripts
+    from lilgym_mp.contrib.llm import Player, make_agent
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
@@ -133,6 +142,16 @@ def run(args: argparse.Namespace) -> int:
     if args.out is None:
         base = default_directory("llm", args.configuration, args.agent, str(agent_options.get("model", "")))
         args.out = base if args.force else _continued(base, settings, chosen, args)
+    with locked(writable_directory(args.out)):
+        return _play_rest(player, args, chosen, settings, agent_options)
+
+
+def _play_rest(
+    player: Player, args: argparse.Namespace, chosen: Sequence[str], settings: JSON, agent_options: JSON
+) -> int:
+    """Plays the chosen tasks, except those that a resumed run has; writes and prints the summary."""
+    from lilgym_mp.contrib.llm import summarise_transcripts
+
     done: list[Transcript] = []
     if args.resume:
         before, done = _stored(args.out)

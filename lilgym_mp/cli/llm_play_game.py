@@ -21,7 +21,15 @@ from lilgym_mp.cli.llm_runs import (
     stored_settings,
 )
 from lilgym_mp.cli.options import JSON, CommandError, add_number, check_at_least, given_environment
-from lilgym_mp.evaluation.files import fresh_file, json_line, read_lines, write_json, write_lines
+from lilgym_mp.evaluation.files import (
+    fresh_file,
+    json_line,
+    locked,
+    read_lines,
+    writable_directory,
+    write_json,
+    write_lines,
+)
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import choose, flag_name
 from lilgym_mp.scene.grouping import grouped
@@ -31,6 +39,7 @@ if TYPE_CHECKING:
     from lilgym_mp.contrib.llm.game_player import LanguagePartner
     from lilgym_mp.contrib.llm.summary import Turn
     from lilgym_mp.envs.proposer_verifier import GameSettings, Partner
+    from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
     from lilgym_mp.envs.proposer_verifier.metrics import GameRecord
 
 TURNS = "turns.jsonl"
@@ -82,17 +91,12 @@ def is_asked(args: argparse.Namespace) -> bool:
 
 def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> int:
     """Plays games with a language model, and prints and writes a table of all pairs of players."""
-    from lilgym_mp.cli.evaluate_game import LEGEND, games_table
-    from lilgym_mp.contrib.llm.agents import without_secrets
-    from lilgym_mp.contrib.llm.summary import calls
-    from lilgym_mp.envs.proposer_verifier import GameSettings, play_games
+    from lilgym_mp.envs.proposer_verifier import GameSettings
     from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
     from lilgym_mp.evaluation.game_partners import scripted_partners
-    from lilgym_mp.wrappers.replies import FAILED
 
     check_at_least(args, 0, "words")
     partner_options = read_agent_options(args.partner_option)
-    secrets = {**agent_options, PARTNER_OPTION: partner_options}
     views = {"views": "guide"} if args.views == "guide" else {}
     game = GameSettings(
         args.configuration, protocol=args.protocol, split=args.split, **views, **given_environment(args)
@@ -108,6 +112,27 @@ def run(args: argparse.Namespace, agent: LanguageAgent, agent_options: JSON) -> 
         PARTNER_OPTION: public("", partner_options),
     }
     args.out = args.out or default_directory("llm-game", args.configuration, args.protocol, args.agent, model)
+    secrets = {**agent_options, PARTNER_OPTION: partner_options}
+    with locked(writable_directory(args.out)):
+        return _play(args, env, pairs, models, scripted, settings, secrets)
+
+
+def _play(
+    args: argparse.Namespace,
+    env: BaseGameEnv,
+    pairs: Sequence[Mapping[str, str]],
+    models: Mapping[str, LanguageAgent],
+    scripted: Mapping[str, Mapping[str, Partner]],
+    settings: JSON,
+    secrets: JSON,
+) -> int:
+    """Plays the games of all pairs with answers that are not there yet; prints and writes the table."""
+    from lilgym_mp.cli.evaluate_game import LEGEND, games_table
+    from lilgym_mp.contrib.llm.agents import without_secrets
+    from lilgym_mp.contrib.llm.summary import calls
+    from lilgym_mp.envs.proposer_verifier import play_games
+    from lilgym_mp.wrappers.replies import FAILED
+
     recalled = _answered(args, settings)
     chosen = drawn(env.tasks, args.episodes, args.seed)
     results: list[JSON] = []

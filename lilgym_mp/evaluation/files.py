@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
 from itertools import count
@@ -15,7 +16,13 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 from lilgym_mp.scene.arrays import AnyMapping
 
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows, where directories are not locked
+    fcntl = None
+
 SUFFIX = ".episodes.jsonl.gz"  # of files of recorded episodes
+LOCK_FILE = ".lock"  # in a directory that a process is writing results to
 MAX_NUMBER = 1e15
 LONGEST_SUFFIX = 32
 
@@ -39,6 +46,28 @@ def writable_directory(path: Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write results to {path}: {error.strerror or error}") from None
     return path
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Within the block no other process can have the directory. Raises OutputError naming the one that does."""
+    if fcntl is None:
+        yield
+        return
+    path = directory / LOCK_FILE
+    with path.open("a+", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the file is closed, or the process killed
+        except BlockingIOError:
+            file.seek(0)
+            raise OutputError(f"{directory} is in use by process {file.read()}; wait for it, or stop it") from None
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def _check_name(path: Path) -> None:

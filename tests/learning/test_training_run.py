@@ -13,8 +13,9 @@ import torch
 
 from lilgym_mp.cli import FAILED
 from lilgym_mp.cli.training import _board
+from lilgym_mp.evaluation.files import LOCK_FILE, OutputError, locked
 from lilgym_mp.learning.common.run import stop_on_signals
-from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, LOCK_FILE, TrainingRunError, begin_run
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
 from tests.command_line import lilgym
 
 
@@ -85,26 +86,23 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path):
 
 
 def test_run__is_trained_by_one_process_at_a_time(tmp_path):
-    begin_run(tmp_path, {})
-    first, second = begin_run(tmp_path, {}, resume=True), begin_run(tmp_path, {}, resume=True)
-    with first.locked():
-        with pytest.raises(TrainingRunError, match=f"is being trained by process {os.getpid()}"), second.locked():
+    with locked(tmp_path):
+        with pytest.raises(OutputError, match=f"in use by process {os.getpid()}"), locked(tmp_path):
             pass
         assert (tmp_path / LOCK_FILE).read_text() == str(os.getpid())
-    with second.locked():
+    with locked(tmp_path):
         pass
     assert not (tmp_path / LOCK_FILE).exists()
 
 
 def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
-    begin_run(tmp_path, {})
     child = os.fork()
     if child == 0:
-        with begin_run(tmp_path, {}, resume=True).locked():
+        with locked(tmp_path):
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
     assert (tmp_path / LOCK_FILE).exists()
-    with begin_run(tmp_path, {}, resume=True).locked():
+    with locked(tmp_path):
         pass
 
 

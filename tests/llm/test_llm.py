@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from lilgym_mp.contrib.llm.agents import Answer, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent, ServerError, read_completion
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.files import locked
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
@@ -279,6 +281,14 @@ def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished
         assert f"results      {directory}-2\n" in capsys.readouterr().out
         assert play(f"{command} --force") == 0
         assert len(asked) == 10
+
+
+@pytest.mark.parametrize("game", ["", "--protocol veto --role verifier"])
+def test_command__refuses_a_run_that_another_process_is_playing(tmp_path, capsys, game):
+    with served(stops) as (url, asked), locked(tmp_path):
+        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {game}") == 2
+    assert f"{tmp_path} is in use by process {os.getpid()}; wait for it, or stop it" in capsys.readouterr().err
+    assert not asked
 
 
 def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys):

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, NamedTuple, ParamSpec, TypedDict, cast
 import torch
 from torch import nn
 
+from lilgym_mp.evaluation.files import locked
 from lilgym_mp.learning.common.agents import Agent
 from lilgym_mp.learning.common.model_file import save_model, select_device, torch_threads
 from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
@@ -129,9 +130,9 @@ class TrainingRun(ABC):
     def train(self) -> Any:
         """Trains, saves the agent and returns it.
 
-        Raises KeyboardInterrupt if it was interrupted, TrainingRunError if another process trains this run.
+        Raises KeyboardInterrupt if it was interrupted, OutputError if another process trains this run.
         """
-        with self.files.locked():
+        with locked(self.out):
             return self._train()
 
     def _train(self) -> Any:

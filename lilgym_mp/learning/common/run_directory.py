@@ -24,11 +24,6 @@ from lilgym_mp.evaluation.files import writable_directory, write_atomically, wri
 from lilgym_mp.evaluation.recording_metadata import metadata
 from lilgym_mp.scene.arrays import AnyDict, AnyMapping
 
-try:
-    import fcntl
-except ModuleNotFoundError:  # Windows, where runs are not locked
-    fcntl = None
-
 if TYPE_CHECKING:
     import torch
 
@@ -38,7 +33,6 @@ RUN_FILE = "run.json"
 CHECKPOINT_FILE = "checkpoint.pt"
 PROGRESS_FILE = "progress.jsonl"
 AGENT_FILE = "agent.safetensors"
-LOCK_FILE = ".lock"  # while a process trains
 EVALUATIONS_FILE = "evaluations.jsonl"  # of PPO: on dev, with --evaluate-every
 VALIDATIONS_FILE = "validations.jsonl"  # of PPO: on held-out tasks
 
@@ -66,29 +60,6 @@ class RunDirectory:
     def has_checkpoint(self) -> bool:
         """Whether the run can be resumed."""
         return (self.path / CHECKPOINT_FILE).exists()
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Within the block no other process can train this run. Raises TrainingRunError naming the one that does."""
-        if fcntl is None:
-            yield
-            return
-        path = self.path / LOCK_FILE
-        with path.open("a+", encoding="utf-8") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the file is closed, or the process killed
-            except BlockingIOError:
-                file.seek(0)
-                raise TrainingRunError(
-                    f"the run in {self.path} is being trained by process {file.read()}; wait for it, or stop it"
-                ) from None
-            file.truncate(0)
-            file.write(str(os.getpid()))
-            file.flush()
-            try:
-                yield
-            finally:
-                path.unlink(missing_ok=True)
 
     @property
     def progress_bytes(self) -> int:
