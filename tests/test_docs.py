@@ -13,9 +13,8 @@ from PIL import Image, ImageSequence
 from lilgym_mp.cli import main, parse_args
 from lilgym_mp.solver import expert
 from tests.documents import run_document
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-ROOT = Path(__file__).parent.parent
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception"),
     *("proposer_verifier", "questions", "troubleshooting", "vectorised", "wrappers"),

@@ -1,15 +1,14 @@
 """The options of all commands: each has one name, and is on a page of the documentation."""
 
 import argparse
-from pathlib import Path
 
 import pytest
 
 from lilgym_mp.cli import make_parser
 from lilgym_mp.learning.common.learners import LEARNERS, find_learner
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = ROOT / "docs"
 FORMER = ("warmup", "unknown", "sampled", "no-sampled", "limit", "count", "splits", "output")
 
 

@@ -22,9 +22,9 @@ from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statemen
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.command_line import succeeds
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-RUNS = Path(__file__).parents[2] / "docs" / "results" / "runs.csv"
+RUNS = ROOT / "docs" / "results" / "runs.csv"
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
@@ -204,5 +204,5 @@ def test_results__random_rows_have_the_published_digest(official_data, tmp_path)
     command = "evaluate --corpus lilgym --optimal --policy random-legal random-type --passes 5 --record"
     succeeds(command, tmp_path, "--configuration", *CONFIGURATIONS)
     digest = load_script("digest_recordings").digest(tmp_path)
-    row = next(line for line in RUNS.read_text(encoding="utf-8").splitlines() if line.startswith('"8, 9"'))
+    row = next(line for line in RUNS.read_text().splitlines() if line.startswith('"8, 9"'))
     assert row.endswith(digest)

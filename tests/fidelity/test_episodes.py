@@ -41,7 +41,7 @@ RECORDINGS = [
 @pytest.fixture(scope="module")
 def recorded_episodes(golden):
     """Every recorded episode, by what was recorded."""
-    with gzip.open(golden / "episodes.jsonl.gz", "rt", encoding="utf-8") as file:
+    with gzip.open(golden / "episodes.jsonl.gz", "rt") as file:
         episodes = [json.loads(line) for line in file]
 
     def recording_of(episode):

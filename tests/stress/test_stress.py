@@ -11,7 +11,7 @@ from tests.stress.hostile_records import hostile_pages, hostile_reports
 
 @pytest.mark.long
 def test_hostile_recordings__never_break_the_pages_that_show_them():
-    pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
+    pytest.importorskip("fastapi")
     statuses, faults = hostile_pages(4, seed=1)
     assert faults == []
     assert sum(statuses.values()) >= 4 * 3

@@ -3,7 +3,6 @@
 import re
 import runpy
 import sys
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -14,8 +13,9 @@ from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.replies import Reply, parse_reply
+from tests.scripts import ROOT
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "language_model_agent.py"
+EXAMPLE = ROOT / "examples" / "language_model_agent.py"
 
 TOWER_TEXT = """\
 Statement: There are exactly two blocks.

@@ -25,7 +25,6 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.learner import LEARNER
-from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import RolloutPlayer
 from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
@@ -33,11 +32,9 @@ from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
 from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.json_files import read_json, read_json_lines
+from tests.learning.conftest import SMALL_GAME as SMALL
 from tests.learning.conftest import equal, weights
 
-SMALL = GameRecipe(
-    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
-)
 LEARNING = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
 INDEPENDENT = replace(SMALL, algorithm="independent")
 JOINT = GameSettings(protocol="joint")
