@@ -60,14 +60,14 @@ def test_solver__has_correct_doctests():
 
 README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
     "parse-and-plan": "parse-and-plan --updates 2 --generated-pairs 100 --width 32 --held-out-statements 5",
-    "--configuration TowerFlipIt": "--configuration TowerScratch",
+    "--configuration TowerFlipIt": "--configuration TowerScratch --corpus OWN",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
-def test_readme__commands_run(tmp_path, monkeypatch):
+def test_readme__commands_run(tmp_path, monkeypatch, own):
     for module in ("torch", "matplotlib", "jinja2"):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
@@ -80,7 +80,7 @@ def test_readme__commands_run(tmp_path, monkeypatch):
         for long, short in README_SHORTER.items():
             command = command.replace(long, short)
         monkeypatch.setattr("sys.stdin", io.StringIO("stop\nquit\n"))
-        assert main(shlex.split(command)) == 0, command
+        assert main(shlex.split(command.replace("OWN", own))) == 0, command
 
 
 RUN_ELSEWHERE = ("extending", "programs")  # by the tests of what they describe

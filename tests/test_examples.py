@@ -8,6 +8,7 @@ import re
 import runpy
 import sys
 from base64 import b64decode
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -49,18 +50,25 @@ def test_first_steps__plays_and_writes_a_picture(run, tmp_path):
 
 
 @pytest.mark.long
-def test_demo__writes_results_recordings_and_films(tmp_path, capsys):
+def test_demo__writes_results_recordings_and_films(tmp_path, capsys, own, monkeypatch):
     demo = runpy.run_path(str(EXAMPLES / "demo.py"))
     short = demo["EXPERIMENT"].read_text()
-    for whole, few in (("1_900", "20"), ("12_000", "500"), ("700", "10")):
+    for whole, few in (("1_900", "20"), ("12_000", "500"), ("700", "10"), ('"builtin"', f'"{own}"')):
         short = short.replace(f"= {whole}\n", f"= {few}\n")
     (tmp_path / "short.toml").write_text(short)
+
+    def command(word, *more):
+        demo["command"](word, *more, *(["--corpus", own] if word == "evaluate" else []))
+
+    names = demo["demo"].__globals__
+    monkeypatch.setitem(names, "command", command)
+    monkeypatch.setitem(names, "Settings", partial(Settings, corpus=own))
     demo["demo"](tmp_path / "demo", tmp_path / "short.toml")
     printed = capsys.readouterr().out
     found = json.loads((tmp_path / "demo" / "results.json").read_text())["results"]
     agents = {"random type", "random legal", "imitation", "parse-and-plan", "expert"}
     assert {row["agent"].split(" (")[0] for row in found} == agents
-    tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
+    tasks = Settings("TowerScratch", corpus=own).make("dev").evaluation_tasks()
     recorded = list((tmp_path / "demo" / "comparison").glob("*.gz"))
     assert len(recorded) == 5
     assert [episode.task for episode in read_episodes(recorded[0]).episodes] == [*tasks]

@@ -1,7 +1,5 @@
 """Download of the official corpus from a local server, and import from a directory."""
 
-from __future__ import annotations
-
 import json
 import threading
 from functools import partial
@@ -36,8 +34,6 @@ class Server(HTTPServer):
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    server: Server
-
     def do_GET(self):
         if self.server.interruptions:
             self.server.interruptions -= 1

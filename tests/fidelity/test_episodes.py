@@ -1,7 +1,5 @@
 """The recorded episodes of release 0.0.1, repeated action by action under rules="release"."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """A learner that the package does not have: one module and one line make it known everywhere."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import dataclass
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """`@word` rejects functions that are not fully declared, with a one-line reason."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
