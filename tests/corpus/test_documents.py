@@ -18,6 +18,7 @@ DOCS = ROOT / "docs"
 OFFICIAL = DOCS / "official_data.md"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_official_page__matches_the_command_output(capsys):
     succeeds("data stats lilgym")

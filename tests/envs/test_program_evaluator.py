@@ -38,24 +38,24 @@ def copied(of):
 
 
 @pytest.mark.usefixtures("official_data")
+@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_official_program(appearance):
-    check_goals("lilgym", appearance, 2)
+def test_goals__equal_the_values_of_every_official_program(appearance, split):
+    check_goals("lilgym", appearance, split)
 
 
+@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance):
-    check_goals("builtin", appearance, 2)
+def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance, split):
+    check_goals("builtin", appearance, split)
 
 
-def check_goals(corpus, appearance, rounds):
+def check_goals(corpus, appearance, split):
     """Compares goals in the start scenes and after legal edits."""
-    by_program = {
-        task.program: task for split in ("train", "dev") for task in load_tasks(corpus, appearance, "flipit", split)
-    }
+    by_program = {task.program: task for task in load_tasks(corpus, appearance, "flipit", split)}
     core, buffers = started_core(appearance, list(by_program.values()))
     chance = np.random.default_rng(0)
-    for _ in range(rounds):
+    for _ in range(2):
         core.write_goals()
         for env_id, goal in enumerate(buffers.goal.tolist()):
             state = core.state(env_id)

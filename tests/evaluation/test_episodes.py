@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,9 +118,14 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
     assert max(map(len, names)) < 120
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("recorded"), SIMPLE).path
+
+
 @pytest.fixture
-def recording(tmp_path):
-    return record(tmp_path, SIMPLE)
+def recording(recorded, tmp_path):
+    return read_episodes(Path(shutil.copy(recorded, tmp_path)))
 
 
 def rewrite(path, change):
