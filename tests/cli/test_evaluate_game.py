@@ -18,6 +18,8 @@ from tests.json_files import read_json
 class Trained(Agent):
     """A trained agent of the game, as `open_agent` gives it."""
 
+    game = None
+
     def __init__(self, corpus, protocol="audit"):
         self.game = GameSettings(corpus=corpus, protocol=protocol)
 

@@ -79,7 +79,7 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
     programs = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 2_500):
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 1_500):
         programs.setdefault(statement, set()).add(program)
     for statement, found in programs.items():
         if len(found) == 1:
@@ -94,7 +94,7 @@ def test_training_pairs__bare_numbers_are_sometimes_lower_bounds():
 
 
 def programs_of_bare_numbers(share):
-    pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 4_000)
+    pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 2_000)
     return [program for text, program in pairs if re.fullmatch(r"there are (\w+) (black|blue|yellow) blocks", text)]
 
 
