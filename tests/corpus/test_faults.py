@@ -50,7 +50,7 @@ def test_path__of_no_corpus_is_an_error(name, message, tmp_path):
         (tmp_path / directory).mkdir(parents=True)
     with pytest.raises(CorpusError, match=message):
         load_tasks(tmp_path / name, "tower", "scratch", "train")
-    assert not check_corpus(tmp_path / name).ok
+    assert "none of the released files" in str(check_corpus(tmp_path / "empty"))
 
 
 ENTRY_FAULTS = [  # of the first entry
