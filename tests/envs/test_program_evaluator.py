@@ -55,8 +55,10 @@ def check_goals(corpus, appearance, split):
     by_program = {task.program: task for task in load_tasks(corpus, appearance, "flipit", split)}
     core, buffers = started_core(appearance, list(by_program.values()))
     chance = np.random.default_rng(0)
-    for _ in range(2):
+    reached = 0
+    for _ in range(4):
         core.write_goals()
+        reached += buffers.goal.sum()
         for env_id, goal in enumerate(buffers.goal.tolist()):
             state = core.state(env_id)
             assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
@@ -64,7 +66,7 @@ def check_goals(corpus, appearance, split):
         buffers.mask[:, 0] = False
         buffers.action[:] = (buffers.mask * chance.random(buffers.mask.shape)).argmax(axis=1)  # legal edits
         core.step(None)
-    assert buffers.goal.sum() > 10  # in the last round
+    assert reached > 3  # by edits
 
 
 OPERATIONS = {
