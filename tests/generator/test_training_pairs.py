@@ -94,7 +94,7 @@ def test_training_pairs__bare_numbers_are_sometimes_lower_bounds():
 
 
 def programs_of_bare_numbers(share):
-    pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 2_000)
+    pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 4_000)
     return [program for text, program in pairs if re.fullmatch(r"there are (\w+) (black|blue|yellow) blocks", text)]
 
 

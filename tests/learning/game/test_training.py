@@ -87,7 +87,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path, three):
     ],
 )
 def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, protocol, rewards, changes):
-    changes = {"configuration": "TowerFlipIt", **changes}
+    changes = {"configuration": "TowerFlipIt", "horizon": 4, **changes}
     settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
@@ -132,16 +132,16 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
-    trained(tmp_path / "whole", 256, INDEPENDENT)
+    trained(tmp_path / "whole", 128, INDEPENDENT)
 
     def interrupt(progress):
-        if progress.steps == 128:
+        if progress.steps == 64:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 256, INDEPENDENT, on_progress=interrupt)
+        trained(tmp_path / "cut", 128, INDEPENDENT, on_progress=interrupt)
     details = open_agent(tmp_path / "cut").description.details
-    assert (details["steps"], details["interrupted"]) == (128, True)
+    assert (details["steps"], details["interrupted"]) == (64, True)
     assert lilgym("train game --resume --out", tmp_path / "cut") == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
 
