@@ -296,7 +296,7 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made):
     wrap = lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward)  # noqa: E731
     with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
-    env = made(TOWER, "dummy", wrap=wrap)
+    env = made("lilgym_mp/TowerScratch-v0", "dummy", wrap=wrap)  # where a first block can always be added
     env.reset()
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
 
