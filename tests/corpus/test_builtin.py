@@ -103,6 +103,7 @@ def test_builtin__statements_are_distinct(appearance):
     assert len(set(statements)) == len(statements)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_builtin__no_statement_is_an_official_one():
     official = {

@@ -60,6 +60,7 @@ def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
     assert check("builtin", 15) > 100
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens():
     assert check("lilgym", 40) > 45

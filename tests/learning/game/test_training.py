@@ -103,7 +103,7 @@ def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, p
         measure(parallel_env(protocol="audit" if protocol != "audit" else "veto", split="dev"), *players)
 
 
-@pytest.mark.parametrize("protocol", ["joint", "critique"])
+@pytest.mark.parametrize("protocol", ["joint", pytest.param("critique", marks=pytest.mark.long)])
 def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monkeypatch):
     found = []
     play = RolloutPlayer.play
