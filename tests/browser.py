@@ -1,12 +1,8 @@
 """Headless Chromium for tests, driven by Playwright, with a record of requests and errors."""
 
-from __future__ import annotations
-
 import shutil
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -17,15 +13,13 @@ START_MS = 120_000  # generous, for a loaded machine
 LOCAL = ("file", "data", "blob", "about")
 
 
-@dataclass
 class Watched:
     """A page with its network requests and errors."""
 
-    page: Any  # playwright.sync_api.Page
-    requests: list[str] = field(default_factory=list)  # URLs, except local ones
-    faults: list[str] = field(default_factory=list)  # console errors and warnings, uncaught exceptions, failed requests
-
-    def __post_init__(self):
+    def __init__(self, page):
+        self.page = page
+        self.requests = []  # URLs, except local ones
+        self.faults = []  # console errors and warnings, uncaught exceptions, failed requests
         self.page.on("request", lambda request: self._record_request(request.url))
         self.page.on("requestfailed", lambda request: self.faults.append(f"failed: {request.url}"))
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
@@ -43,7 +37,7 @@ class Watched:
 @contextmanager
 def chromium():
     """A Playwright browser; skips if Chromium or Playwright is missing."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="needs the extra browser")
+    sync_api = pytest.importorskip("playwright.sync_api")
     program = next(filter(None, map(shutil.which, NAMES)), None)
     if program is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} is on the PATH")
@@ -57,8 +51,8 @@ def chromium():
 
 def axe_script():
     """The source of axe-core, which checks accessibility; skips if it is not installed."""
-    package = pytest.importorskip("axe_playwright_python", reason="needs axe-core: pip install axe-playwright-python")
-    return (Path(package.__file__).parent / "axe.min.js").read_text(encoding="utf-8")
+    package = pytest.importorskip("axe_playwright_python")
+    return (Path(package.__file__).parent / "axe.min.js").read_text()
 
 
 @contextmanager

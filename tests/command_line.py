@@ -1,10 +1,18 @@
 """Commands of tests, written as one types them."""
 
+import io
 import shlex
 import subprocess
 import sys
 
 from lilgym_mp.cli import USAGE_ERROR, main
+
+
+class Terminal(io.StringIO):
+    """A stream that claims to be a terminal."""
+
+    def isatty(self):
+        return True
 
 
 def python(*arguments, **settings):

@@ -32,6 +32,14 @@ def official_data():
 
 
 @pytest.fixture(scope="session")
+def own(tmp_path_factory):
+    """The path of a small corpus."""
+    from tests.corpora import write_own_corpus
+
+    return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
+
+
+@pytest.fixture(scope="session")
 def golden():
     """The directory of golden recordings; skips if LILGYM_GOLDEN is unset."""
     return _directory_or_skip("golden")
@@ -58,7 +66,11 @@ def pytest_configure():
 
 
 def pytest_collection_modifyitems(items):
-    """Records in each test's properties, and so in its reports, the sources it uses."""
+    """Records in each test's properties, and so in its reports, the sources it uses.
+
+    Puts tests of the official data first: of several processes then one alone loads it, which takes ten seconds.
+    """
+    items.sort(key=lambda item: "official_data" not in getattr(item, "fixturenames", ()))
     for item in items:
         used = SOURCES.keys() & set(getattr(item, "fixturenames", ()))
         item.user_properties.extend(("source", fixture) for fixture in sorted(used))

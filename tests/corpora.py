@@ -3,15 +3,15 @@
 import copy
 import gzip
 import json
-from pathlib import Path
 
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.official import FileFacts, content_digest, read_released_file
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 from tests.scenes import B, K, Y, scene, square, tower
+from tests.scripts import ROOT
 
-BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
+BUILTIN = ROOT / "data" / "builtin.jsonl.gz"
 BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
 BLACK_BLOCK = {**BLUE_BLOCK, "color": "Black"}
 CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 30}

@@ -5,8 +5,6 @@ commands, which run in this process, each followed by its output. In expected ou
 exception counts as output, in the form "Type: message". Notes that something takes long to load are left out.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re

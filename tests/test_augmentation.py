@@ -68,6 +68,7 @@ def test_builtin_programs__truth_follows_every_recolouring():
     assert check_truths("builtin", "dev", 2, 20) > 50
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_official_programs__truth_follows_every_recolouring():
     assert check_truths("lilgym", "train", 12, 8) > 60

@@ -13,9 +13,8 @@ from PIL import Image, ImageSequence
 from lilgym_mp.cli import main, parse_args
 from lilgym_mp.solver import expert
 from tests.documents import run_document
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-ROOT = Path(__file__).parent.parent
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception"),
     *("proposer_verifier", "questions", "troubleshooting", "vectorised", "wrappers"),
@@ -61,14 +60,14 @@ def test_solver__has_correct_doctests():
 
 README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
     "parse-and-plan": "parse-and-plan --updates 2 --generated-pairs 100 --width 32 --held-out-statements 5",
-    "--configuration TowerFlipIt": "--configuration TowerScratch",
+    "--configuration TowerFlipIt": "--configuration TowerScratch --corpus OWN",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
-def test_readme__commands_run(tmp_path, monkeypatch):
+def test_readme__commands_run(tmp_path, monkeypatch, own):
     for module in ("torch", "matplotlib", "jinja2"):
         pytest.importorskip(module)
     monkeypatch.chdir(tmp_path)
@@ -81,7 +80,7 @@ def test_readme__commands_run(tmp_path, monkeypatch):
         for long, short in README_SHORTER.items():
             command = command.replace(long, short)
         monkeypatch.setattr("sys.stdin", io.StringIO("stop\nquit\n"))
-        assert main(shlex.split(command)) == 0, command
+        assert main(shlex.split(command.replace("OWN", own))) == 0, command
 
 
 RUN_ELSEWHERE = ("extending", "programs")  # by the tests of what they describe

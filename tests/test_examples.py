@@ -8,6 +8,7 @@ import re
 import runpy
 import sys
 from base64 import b64decode
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,9 +20,9 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from tests.command_line import python
 from tests.documents import code_blocks
+from tests.scripts import ROOT
 
-TESTS = Path(__file__).parent
-EXAMPLES = TESTS.parent / "examples"
+EXAMPLES = ROOT / "examples"
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
 
 
@@ -49,18 +50,25 @@ def test_first_steps__plays_and_writes_a_picture(run, tmp_path):
 
 
 @pytest.mark.long
-def test_demo__writes_results_recordings_and_films(tmp_path, capsys):
+def test_demo__writes_results_recordings_and_films(tmp_path, capsys, own, monkeypatch):
     demo = runpy.run_path(str(EXAMPLES / "demo.py"))
     short = demo["EXPERIMENT"].read_text()
-    for whole, few in (("1_900", "20"), ("12_000", "500"), ("700", "10")):
+    for whole, few in (("1_900", "20"), ("12_000", "500"), ("700", "10"), ('"builtin"', f'"{own}"')):
         short = short.replace(f"= {whole}\n", f"= {few}\n")
     (tmp_path / "short.toml").write_text(short)
+
+    def command(word, *more):
+        demo["command"](word, *more, *(["--corpus", own] if word == "evaluate" else []))
+
+    names = demo["demo"].__globals__
+    monkeypatch.setitem(names, "command", command)
+    monkeypatch.setitem(names, "Settings", partial(Settings, corpus=own))
     demo["demo"](tmp_path / "demo", tmp_path / "short.toml")
     printed = capsys.readouterr().out
     found = json.loads((tmp_path / "demo" / "results.json").read_text())["results"]
     agents = {"random type", "random legal", "imitation", "parse-and-plan", "expert"}
     assert {row["agent"].split(" (")[0] for row in found} == agents
-    tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
+    tasks = Settings("TowerScratch", corpus=own).make("dev").evaluation_tasks()
     recorded = list((tmp_path / "demo" / "comparison").glob("*.gz"))
     assert len(recorded) == 5
     assert [episode.task for episode in read_episodes(recorded[0]).episodes] == [*tasks]
@@ -83,6 +91,7 @@ def test_self_play__grows_both_pools_and_writes_the_curve(run, tmp_path):
     assert f"round 1: exploitability {found['exploitability']:.3f}" in printed
 
 
+@pytest.mark.long
 def test_train_masked_ppo__evaluates_the_model_that_it_saves(run, tmp_path):
     _needs("sb3_contrib")
     options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "256", "--seed", "1"]
@@ -197,7 +206,7 @@ def test_train_language_model__reports_both_phases(run):
 
 @pytest.mark.long
 def test_finetune_language_model__reports_each_phase_and_saves_the_models(run, tmp_path):
-    transformers = pytest.importorskip("transformers", reason="examples/finetune_language_model.py needs transformers")
+    transformers = pytest.importorskip("transformers")
     tokenizers = pytest.importorskip("tokenizers")
     words = {word: index for index, word in enumerate(("<eos>", "STOP", "ADD(LEFT, BLUE)", "Statement:", "LEFT:"))}
     backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
@@ -248,11 +257,12 @@ def test_examples_with_other_libraries__learn(tmp_path, name, module, options, p
     assert printed[-1] >= printed[0] + gain
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of the libraries
 @pytest.mark.parametrize(("module", "text"), [("torchrl", "from torchrl."), ("supersuit", "MaskablePPO")])
 def test_code_in_the_integrations_page__prints_the_described_output(module, text, capsys):
     _needs(module)
-    page = (TESTS.parent / "docs" / "integrations.md").read_text()
+    page = (ROOT / "docs" / "integrations.md").read_text()
     blocks = [block for block in code_blocks(page) if text in block.code]
     exec("".join(block.code for block in blocks), {"__name__": "__main__"})
     assert capsys.readouterr().out == "".join(block.output or "" for block in blocks)

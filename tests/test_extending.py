@@ -6,7 +6,6 @@ import re
 import sys
 from functools import partial
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from textwrap import dedent
 from types import SimpleNamespace
 
@@ -21,9 +20,9 @@ from lilgym_mp.envs.registration import register_appearance
 from lilgym_mp.scene import choices
 from lilgym_mp.wrappers.gymnasium_adapter import factory
 from tests.command_line import python
+from tests.scripts import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "extending.md").read_text()
 WORD, WRAPPER, LAMPS, PROTOCOL, TERM, REWARDS = (
     dedent(code) for code in re.findall(r"^ *```python\n(.*?)^ *```", TEXT, re.S | re.M)
 )
@@ -124,19 +123,19 @@ NEW_RUN = "--corpus lamps.jsonl --held-out 0 --out run"
 MAKE = "import gymnasium{}; gymnasium.make('{}lilgym_mp/LampsScratch-v0', corpus='lamps.jsonl')"
 FIRST = {  # and a part of what they say
     MAKE.format(", lilgym_mp", ""): "",
+    f"play {LAMPS_TRAIN} --protocol claims": "ADD(MIDDLE, YELLOW)",
+    "data check lamps.jsonl": "no faults",
+    f"solve {LAMPS_TRAIN}": NO_EXPERT,
+}
+LONG_FIRST = {
     MAKE.format("", "lilgym_mp:"): "",
     f"evaluate --policy random-legal --configuration {LAMPS_TRAIN} --record played": "random-legal",
     f"play {LAMPS_TRAIN}": f"{NO_EXPERT}\n> add left yellow",
-    f"play {LAMPS_TRAIN} --protocol claims": "ADD(MIDDLE, YELLOW)",
     "explain --configuration LampsScratch --program exist(filter_obj(all_items,is_high))": NO_SAMPLER,
     "explain --configuration LampsScratch --program is_high(all_items)": "is_high",
     "data generate 1 --appearances tower lamps --out new.jsonl": NO_STATEMENTS,
     "data synthesize lamps.jsonl --out new.jsonl": NO_SAMPLER,
     f"data collect {LAMPS_TRAIN} --quality random-legal --episodes 2 --out set.jsonl": "set.jsonl",
-    "data check lamps.jsonl": "no faults",
-    f"solve {LAMPS_TRAIN}": NO_EXPERT,
-}
-LONG_FIRST = {
     f"evaluate --policy expert --configuration {LAMPS_TRAIN}": NO_EXPERT,
     "evaluate --protocol poker": "claims",
     f"train ppo LampsScratch {NEW_RUN}": NO_HEADS,
@@ -186,22 +185,23 @@ def test_first_long_command__knows_what_an_installed_package_adds(said_at_length
     check_said(command, said_at_length[command], LONG_FIRST[command])
 
 
+@pytest.mark.long
 def test_recipes__work_in_batches_workers_and_games(installed):
-    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    pytest.importorskip("pettingzoo")
     done = run_in(installed, "use.py", "lamps.jsonl")
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
 
 
 @pytest.mark.long
 def test_browser__plays_an_appearance_of_an_installed_package(installed):
-    pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
+    pytest.importorskip("fastapi")
     done = run_in(installed, "web.py")
     assert done.stdout.splitlines()[-1:] == ["201 Exactly two of the lamps shine."], done.stderr
 
 
 @pytest.mark.long
 def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(installed):
-    pytest.importorskip("matplotlib", reason="reports need the extra `report`")
+    pytest.importorskip("matplotlib")
     policy = ("--policy", "random-legal", "--record", "recorded")
     run_in(installed, "-m", "lilgym_mp", "evaluate", *policy, "--configuration", *LAMPS_TRAIN.split())
     assert run_in(installed, "-m", "lilgym_mp", "report", "recorded", "--out", "page").stderr == ""
@@ -247,7 +247,7 @@ def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch():
 
 
 def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch):
-    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    pytest.importorskip("pettingzoo")
     from lilgym_mp.envs.proposer_verifier import parallel_env
 
     monkeypatch.setitem(protocols.PROTOCOLS, "claims", None)
@@ -270,7 +270,7 @@ def test_recipes__name_existing_files():
 
 
 def test_recipe_of_rewards__punishes_accepted_false_claims():
-    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    pytest.importorskip("pettingzoo")
     names = {}
     exec(REWARDS, names)
     game = names["game"]

@@ -20,7 +20,6 @@ NEEDS = {  # modules, by the beginning of a script's name
     "tianshou": ("tianshou",),
     "torchrl": ("torchrl", "pettingzoo"),
 }
-QUICK = "gymnasium_pytorch single"  # the others are long
 CELLS = [  # each kind with one of the switches
     f"{snippet.file.stem} {kind} {snippet.switches[index % len(snippet.switches)]}".strip()
     for snippet in SNIPPETS.snippets()
@@ -28,10 +27,9 @@ CELLS = [  # each kind with one of the switches
 ]
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of the libraries
-@pytest.mark.parametrize(
-    "cell", [cell if cell == QUICK else pytest.param(cell, marks=pytest.mark.long) for cell in CELLS]
-)
+@pytest.mark.parametrize("cell", CELLS)
 def test_cell__trains_evaluates_saves_and_loads(cell, tmp_path, monkeypatch, capsys):
     name, *words = cell.split()
     for module in NEEDS[name.partition("_")[0]]:

@@ -1,12 +1,12 @@
 """README's accuracies are those of the pages that have them with their commands."""
 
 import re
-from pathlib import Path
 from statistics import fmean
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.scripts import ROOT
+
 RESULTS = ("docs/results.md", "**Table 2.")
 SUMMARISED = {  # a row of README's table; the place, and the row, of the same agent on dev and on test
     "the paper's best, sampled": (None, "the paper's best of each configuration"),
@@ -25,7 +25,7 @@ SUMMARISED = {  # a row of README's table; the place, and the row, of the same a
 
 def row(page, after, name):
     """The figures of a row of the first table after this text, without their deviations and intervals."""
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = (ROOT / page).read_text()
     line = next(line for line in text[text.index(after) :].splitlines() if line.startswith(f"| {name} |"))
     cells = [cell.strip() for cell in line.strip("|").split("|")]
     return [re.sub(r" [±(\[].*", "", cell).replace("–", "") for cell in cells[-4:]]
@@ -43,7 +43,7 @@ def test_readme__has_the_accuracies_of_the_pages(name):
 
 
 def test_readme__has_the_reward_models_accuracies_on_dev():
-    page = (ROOT / "docs/reward_model.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reward_model.md").read_text()
     for cell in row("README.md", "## Results", "reward model, search ⁷"):
         assert f"| {cell.partition(' ')[0]} ± " in page
 

@@ -89,12 +89,6 @@ def test_default_horizon__is_the_rule_sets(rules, horizon):
     assert outcomes == [Outcome.CONTINUES] * (horizon - 1) + [Outcome.HORIZON]
 
 
-@pytest.mark.parametrize("horizon", [0, -1, 2.0, "12", True])
-def test_horizon__an_invalid_value_is_refused(horizon):
-    with pytest.raises(ValueError, match=r"horizon must be a positive whole number"):
-        make_dynamics(make_appearance("tower"), "paper", horizon)
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [

@@ -6,8 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
-pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("sb3_contrib")
 
 import torch
 from sb3_contrib import MaskablePPO
@@ -56,11 +56,14 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained):
     ("algorithm", "configuration", "changes"),
     [
         (MaskablePPO, "TowerFlipIt", {"wrap": None}),
-        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
-        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
         (PPO, "ScatterFlipIt", {"recolour": False}),
-        pytest.param(
-            MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc", "n_envs": 4}, marks=pytest.mark.long
+        *(
+            pytest.param(algorithm, "TowerFlipIt", changes, marks=pytest.mark.long)
+            for algorithm, changes in (
+                (PPO, {"stop_forcing": False, "backend": "dummy"}),
+                (MaskablePPO, {"stop_forcing": False, "backend": "workers"}),
+                (MaskablePPO, {"wrap": None, "backend": "subproc", "n_envs": 4}),
+            )
         ),
     ],
 )

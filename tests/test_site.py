@@ -5,16 +5,14 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 import lilgym_mp  # noqa: F401
 from tests.browser import axe_script, chromium, watched_page
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-ROOT = Path(__file__).parent.parent
 VISITED = ("index.html", "results.html", "api/environments.html", "environments/tower.html")
 FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?(?:https?:)?//[^"'>\s]+""")
 

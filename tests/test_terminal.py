@@ -1,6 +1,5 @@
 """Progress bars on a terminal, lines of progress elsewhere, and tables."""
 
-from io import StringIO
 from queue import Queue
 
 import pytest
@@ -9,18 +8,12 @@ from lilgym_mp.cli import main
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.render.characters import text
-
-
-class _Terminal(StringIO):
-    """A stream that claims to be a terminal."""
-
-    def isatty(self):
-        return True
+from tests.command_line import Terminal
 
 
 def terminal_as_stderr(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
-    terminal = _Terminal()
+    terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     return terminal
 

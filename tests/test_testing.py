@@ -25,7 +25,7 @@ pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded
     [(TOWER, "paper"), (TOWER_FLIPIT, "release"), (SCATTER, "release"), (SCATTER_FLIPIT, "paper")],
 )
 def test_single(id, rules):
-    testing.check_env(lambda: gym.make(id, rules=rules))
+    testing.check_env(lambda: gym.make(id, rules=rules), steps=100)
 
 
 @pytest.mark.parametrize(
@@ -76,12 +76,15 @@ def test_workers(id, num_envs, settings, modes):
         (TOWER_FLIPIT, "batched", {"wrap": action_mask_v0}),
         (SCATTER_FLIPIT, "batched", {"wrap": partial(stop_forcing_v0, mode="replace"), "rules": "release"}),
         (TOWER_FLIPIT, "dummy", {"wrap": partial(stop_forcing_v0, mode="mask")}),
-        (TOWER_FLIPIT, "subproc", {"wrap": partial(stop_forcing_v0, mode="mask"), "start_method": "fork"}),
+        pytest.param(
+            *(TOWER_FLIPIT, "subproc", {"wrap": partial(stop_forcing_v0, mode="mask"), "start_method": "fork"}),
+            marks=pytest.mark.long,
+        ),
         (SCATTER_FLIPIT, "workers", {"wrap": partial(stop_forcing_v0, mode="mask"), "num_workers": 2}),
     ],
 )
 def test_sb3(id, backend, settings):
-    pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+    pytest.importorskip("stable_baselines3")
     from lilgym_mp.sb3 import make_vec_env
 
     wrap, rules = settings.get("wrap", lambda env: env), settings.get("rules", "paper")
@@ -102,7 +105,7 @@ GAMES = [
 
 @pytest.mark.parametrize("settings", GAMES, ids=str)
 def test_game(settings):
-    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    pytest.importorskip("pettingzoo")
     from lilgym_mp.envs.proposer_verifier import BatchedGames, parallel_env
 
     one = partial(parallel_env, **settings)
@@ -169,7 +172,7 @@ SINGLES = {
 def test_check_env__finds(message):
     changed = type("Changed", (gym.Wrapper,), dict([SINGLES[message]]))
     with pytest.raises(AssertionError, match=message):
-        testing.check_env(lambda: changed(gym.make(TOWER)))
+        testing.check_env(lambda: changed(gym.make(TOWER)), steps=60)
 
 
 class ChangedVector(VectorWrapper):
@@ -225,7 +228,7 @@ def test_check_vector_env__finds(mode, change):
 
 
 def test_check_sb3_env__finds():
-    pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+    pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.vec_env import VecEnvWrapper
 
     from lilgym_mp.sb3 import make_vec_env
@@ -258,7 +261,7 @@ def test_check_sb3_env__finds():
 
 
 def test_check_game__finds(monkeypatch):
-    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    pytest.importorskip("pettingzoo")
     from lilgym_mp.envs.proposer_verifier import BatchedGames, parallel_env
 
     class Allowing(BatchedGames):
@@ -279,11 +282,12 @@ def test_check_game__finds(monkeypatch):
                 partial(broken, rewards="correctness"),
                 partial(parallel_env, rewards="correctness"),
                 num_games=3,
+                steps=12,
             )
     game = parallel_env()
     monkeypatch.setattr(game, "reset", lambda seed=None, options=None: type(game).reset(game))
     with pytest.raises(AssertionError, match="with the same seed"):
-        testing.check_game(lambda: game)
+        testing.check_game(lambda: game, steps=12)
 
 
 def test_testing__has_no_assert_statements_which_python_o_would_leave_out():

@@ -1,17 +1,17 @@
-"""The shipped placement tables against shapely: every pair of footprints and offset, and random absolute positions."""
+"""The shipped placement tables against shapely: every pair of footprints and offset; and recorded plays."""
 
 import math
-import random
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
 from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.actions import AddItem, RemoveItem
-from lilgym_mp.scene.appearances import InvalidReason, Scatter
+from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.actions import named
+from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.appearances.scatter.geometry import (
     AREA_UNIT,
     FIRST_TOO_FAR,
@@ -23,7 +23,6 @@ from lilgym_mp.scene.appearances.scatter.geometry import (
     shape_area,
 )
 from scripts import build_placement_tables as script
-from tests.appearances import reference
 
 FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
@@ -116,37 +115,22 @@ def test_shipped_ties__equal_those_that_the_script_finds(shipped, footprint):
     assert all(np.array_equal(segments[first + index], pairs) for index, pairs in built.items())
 
 
-@pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
-@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 4), ((38, 10), 3), ((19, 1), 2), ((95, 20), 2)], ids=str)
-def test_random_play__every_edit_equals_shapelys(grid, plays, rules):
-    scatter, chance, tried = Scatter(grid), random.Random(0), 0
-    for _ in range(plays):
-        box_index = chance.randrange(3)
-        items = []
-        for _ in range(12):
-            tried += 1
-            items = checked_edit(scatter, rules, chance, box_index, items)
-    assert tried == 12 * plays
+PLAYS = Path(__file__).with_name("edits.txt").read_text().strip().split("\n\n")
 
 
-def checked_edit(scatter, rules, chance, box_index, items):
-    """The items after a random edit, which is done both ways and compared."""
-    width, height = scatter.cell
-    column, row = chance.randrange(100 // width), chance.randrange(100 // height)
-    cell_place, x = (column * width, row * height), column + box_index * BOX_PITCH // width
-    before = Scene.empty().with_box(box_index, Box(tuple(items)))
-    if chance.random() < 0.15:
-        edit = scatter.apply(before, RemoveItem(x, row), rules)
-        position = reference.removed(cell_place, scatter.cell, items)
-        assert (edit.invalid is InvalidReason.NOTHING_TO_REMOVE) == (position is None)
-        expected = [item for index, item in enumerate(items) if index != position]
-    else:
-        item = Item(*cell_place, chance.choice(list(Shape)), Colour.BLUE, chance.choice(list(Size)))
-        edit = scatter.apply(before, AddItem(x, row, item.shape, item.colour, item.size), rules)
-        result = reference.added(item, scatter.cell, items, box_index, rules)
-        if isinstance(result, InvalidReason):
-            assert edit == (before, result)
-            return items
-        expected = [*items, result]
-    assert edit.scene.boxes[box_index].items == tuple(expected)
-    return expected
+@pytest.mark.parametrize("rules", RULE_SETS)
+def test_recorded_plays__have_the_places_that_shapely_gave(rules):
+    """A play has its rules and grid, and lines of an edit and the places of items after it, or why it is invalid.
+
+    They were recorded from a slow reference in shapely, polygon by polygon, of docs/spec.md, "Legality and effects".
+    """
+    plays = [play.splitlines() for play in PLAYS if play.startswith(rules)]
+    assert len(plays) == 18
+    for (_, *grid), *edits in ((title.split(), *edits) for title, *edits in plays):
+        scatter, shown = Scatter(tuple(map(int, grid))), Scene.empty()
+        for line in edits:
+            action, expected = line.split(" | ")
+            edit = scatter.apply(shown, named(action), RULE_SETS[rules].placement)
+            places = " ".join(f"{item.x},{item.y}" for item in edit.scene.items())
+            assert (edit.invalid or places) == expected, line
+            shown = edit.scene

@@ -32,11 +32,6 @@ def test_apply__anything_but_an_edit_of_tower_raises_action_error():
             TOWER.apply(scene(), action, PLACEMENT)
 
 
-def test_check_scene__towers_pass_unchanged():
-    start = scene(tower(Y, K, B, Y), [], tower(B))
-    assert TOWER.check_scene(start) == start
-
-
 @pytest.mark.parametrize(
     ("items", "message"),
     [

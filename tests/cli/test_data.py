@@ -1,7 +1,6 @@
 """`lilgym-mp data ...`: its output, files and errors."""
 
 import json
-from collections.abc import Callable
 
 import pytest
 
@@ -9,8 +8,6 @@ from lilgym_mp.cli import main
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import entry, register_as_official, small_entries, write_released
 from tests.json_files import read_json
-
-Run = Callable[..., str]
 
 
 @pytest.fixture

@@ -119,7 +119,7 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("command", ["evaluate", "train ppo --resume --out"])
 def test_damaged_run__is_reported_in_one_line(damage, command, tmp_path, capsys):
-    (tmp_path / "run.json").write_text(DAMAGES[damage], encoding="utf-8")
+    (tmp_path / "run.json").write_text(DAMAGES[damage])
     output = error_of(capsys, command, tmp_path)
     assert str(tmp_path) in output
     assert output.count("\n") == 1

@@ -1,11 +1,8 @@
 """`lilgym-mp evaluate` of the two-agent game."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -21,7 +18,7 @@ from tests.json_files import read_json
 class Trained(Agent):
     """A trained agent of the game, as `open_agent` gives it."""
 
-    game: Any = None
+    game = None
 
     def __init__(self, corpus, protocol="audit"):
         self.game = GameSettings(corpus=corpus, protocol=protocol)

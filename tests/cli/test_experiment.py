@@ -1,6 +1,5 @@
 """`lilgym-mp experiment`: valid and invalid files; runs are executed once, resumed and reported on."""
 
-import io
 import json
 import os
 import signal
@@ -17,12 +16,15 @@ from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
+from lilgym_mp.contrib.report import writing
 from lilgym_mp.corpus import write_corpus
-from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.command_line import Terminal, error_of, lilgym, output_of, succeeds
 from tests.corpora import small_entries
+from tests.envs.test_workers import is_running
 from tests.json_files import read_json
+from tests.scripts import ROOT
 
-FILES = Path(__file__).parents[2] / "experiments"
+FILES = ROOT / "experiments"
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
 BUILTIN = 'corpus = "builtin"'
 SMALL = """
@@ -239,9 +241,9 @@ def test_experiment__training_ends_when_the_command_is_killed(tmp_path, own):
     process.kill()
     process.wait()
     deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and is_alive(run):
+    while time.monotonic() < deadline and is_running(run):
         time.sleep(0.2)
-    assert not is_alive(run)
+    assert not is_running(run)
     assert next((tmp_path / "out").rglob("checkpoint.pt")).stat().st_size
 
 
@@ -263,13 +265,6 @@ def child_of(pid):
     tasks = Path(f"/proc/{pid}/task").glob("*/children")  # see proc(5)
     (child,) = [int(found) for children in tasks for found in children.read_text().split()]
     return child
-
-
-def is_alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 @pytest.mark.long
@@ -303,13 +298,6 @@ def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, cap
     assert capsys.readouterr().out == "one: training\ntwo: finished\n"
     assert "1/2" in terminal.getvalue()
     assert "one 25 %" in terminal.getvalue()
-
-
-class Terminal(io.StringIO):
-    """A stream that claims to be a terminal."""
-
-    def isatty(self):
-        return True
 
 
 @pytest.mark.parametrize(
@@ -355,6 +343,7 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, c
     file = write_file(tmp_path / "smoke.toml", text.replace(BUILTIN, f'corpus = "{own}"'))
     command = f"experiment {file} --out {place} --jobs 2"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))  # as drawing is slow
     assert lilgym(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
     assert "3 of 3 runs finished" in capsys.readouterr().out
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

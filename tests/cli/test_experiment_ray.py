@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,6 +12,7 @@ from lilgym_mp.cli import experiment_ray, main
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.cli.experiment_runs import FINISHED
 from lilgym_mp.evaluation.files import write_json
+from tests.scripts import ROOT
 
 TEXT = 'configurations = ["TowerScratch"]\nseeds = [0, 1]\n[[learners]]\nlearner = "ppo"\nsteps = 64\n'
 
@@ -99,7 +99,7 @@ def test_ray__that_cannot_start_is_one_line(
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of Ray
 def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
-    pytest.importorskip("ray", reason="needs the extra ray")
+    pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     few = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
@@ -109,7 +109,7 @@ def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
     cluster.wait_for_nodes()
     words = ["experiment", "own.toml", "--out", "results", "--jobs", "99", "--ray", cluster.address]
     command = [sys.executable, "-m", "lilgym_mp", *words]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     try:
         with subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes) as process:

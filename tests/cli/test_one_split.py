@@ -11,25 +11,15 @@ from tests.corpora import entry
 STATEMENT = "A blue block crowns some box."
 
 
-@pytest.fixture(params=["dev", "test"])
-def split(request):
-    return request.param
-
-
-@pytest.fixture
-def corpus(tmp_path, split):
-    path, program = tmp_path / "one_split.jsonl", "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
-    write_corpus(path, "one split", "CC0-1.0", [entry("crown", "tower", split, STATEMENT, program)])
-    return str(path)
-
-
-def test_evaluate__counts_no_statement_as_seen_or_unseen(corpus, split, capsys):
+@pytest.mark.parametrize("split", ["dev", "test"])
+def test_only_split__is_evaluated_without_seen_statements_and_gives_array_observations_their_words(
+    split, tmp_path, capsys
+):
+    corpus, program = str(tmp_path / "own.jsonl"), "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
+    write_corpus(corpus, "one split", "CC0-1.0", [entry("crown", "tower", split, STATEMENT, program)])
     output = output_of(capsys, f"evaluate --policy expert --corpus {corpus} --split {split}")
     assert "100.0 %" in output
     assert "seen" not in output
-
-
-def test_array_observations__take_the_words_of_that_split(corpus, split):
     env = gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split, observation="arrays")
     assert env.observation_space.contains(env.reset(seed=0)[0])
     tokens = tokenized_statement_v0(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split))

@@ -4,7 +4,6 @@ import io
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 
 import pytest
 
@@ -17,7 +16,6 @@ from lilgym_mp.scene.render.characters import ruled, text
 from tests.command_line import succeeds
 from tests.scenes import B, scene, square, tower
 
-Play = Callable[..., str]
 BLUE_TASK = "play TowerScratch --split dev --task tower-dev-001"  # "I can see a blue block."
 BLUE_GAME = f"{BLUE_TASK} --protocol veto"
 

@@ -41,7 +41,9 @@ def printed(capsys, before):
     return command
 
 
-@pytest.mark.parametrize("learner", TRAININGS)
+@pytest.mark.parametrize(
+    "learner", [name if name == "game" else pytest.param(name, marks=pytest.mark.long) for name in TRAININGS]
+)
 def test_train__names_an_evaluation_that_runs(learner, own, capsys):
     succeeds(f"train {TRAININGS[learner]} {own} --out 'a run'")
     succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")
@@ -55,6 +57,7 @@ def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch
     succeeds(printed(capsys, "resume with"))
 
 
+@pytest.mark.long
 def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'

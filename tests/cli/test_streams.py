@@ -63,7 +63,9 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(monkey
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGTERM, 0.3)])
+@pytest.mark.parametrize(
+    ("stop", "seconds"), [(signal.SIGINT, 0.05), pytest.param(signal.SIGTERM, 0.3, marks=pytest.mark.long)]
+)
 def test_interrupt__soon_after_the_start_prints_one_word(stop, seconds):
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick"]

@@ -4,7 +4,6 @@ import gzip
 import hashlib
 import tomllib
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -13,8 +12,8 @@ from lilgym_mp.corpus.splits import program_form
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scenes import items_apart
+from tests.scripts import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "data" / "builtin_source.toml"
 SHIPPED = ROOT / "data" / "builtin.jsonl.gz"
 SIZES = {"train": 1000, "dev": 150, "test": 300}
@@ -70,7 +69,7 @@ def test_builtin__loads_like_a_validated_copy(appearance, start, tmp_path):
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
 def test_builtin__has_the_statements_and_programs_of_its_source(appearance, split):
-    source = tomllib.loads(SOURCE.read_text(encoding="utf-8"))[appearance][split]
+    source = tomllib.loads(SOURCE.read_text())[appearance][split]
     tasks = load_tasks("builtin", appearance, "scratch", split)
     assert len(tasks) == SIZES[split]
     hand_written = [(task.statement, task.program) for task in tasks if "hand-written" in task.tags]
@@ -104,6 +103,7 @@ def test_builtin__statements_are_distinct(appearance):
     assert len(set(statements)) == len(statements)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_builtin__no_statement_is_an_official_one():
     official = {

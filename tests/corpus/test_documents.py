@@ -12,25 +12,25 @@ import pytest
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.scene.grouping import grouped
 from tests.command_line import succeeds
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 OFFICIAL = DOCS / "official_data.md"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_official_page__matches_the_command_output(capsys):
     succeeds("data stats lilgym")
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(), re.DOTALL)
     shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
     assert len(shown) > 10
     assert [line for line in shown if line not in printed] == []
 
 
 def test_tables_of_results__are_those_of_the_csv_files():
-    page = (DOCS / "results.md").read_text(encoding="utf-8")
+    page = (DOCS / "results.md").read_text()
     assert page.count(".csv: ") == 2
     assert load_script("write_result_tables").text(page) == page, "run scripts/write_result_tables.py"
 
@@ -61,7 +61,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("official_data")
 def test_paper_table__has_the_recorded_accuracy_of_each_run():
-    page = (DOCS / "training.md").read_text(encoding="utf-8")
+    page = (DOCS / "training.md").read_text()
     cells = [*load_script("write_result_tables").paper_cells()]
     assert cells
     assert [cell for cell in cells if f"| {cell} |" not in page] == []
@@ -71,7 +71,7 @@ def test_paper_table__has_the_recorded_accuracy_of_each_run():
 def test_game_experiments__have_the_recorded_success_of_each_pair():
     script = load_script("measure_messages")
     pairs = grouped((row[0], row) for row in script.read("messages")[1:])
-    page = (DOCS / "game_experiments.md").read_text(encoding="utf-8")
+    page = (DOCS / "game_experiments.md").read_text()
     assert [pair for pair, rows in pairs.items() if f"| {script.cells(rows)} |" not in page] == []
 
 
@@ -113,7 +113,7 @@ def test_charts_of_results__are_drawn_from_the_csv_files():
 
 def flat(name):
     """A document's text without line breaks."""
-    return " ".join((DOCS / name).read_text(encoding="utf-8").split())
+    return " ".join((DOCS / name).read_text().split())
 
 
 def test_datasheet__counts_are_those_of_the_file():
@@ -129,7 +129,7 @@ def test_datasheet__counts_are_those_of_the_file():
 
 
 def test_croissant__describes_the_corpus_file():
-    written = (ROOT / "data" / "croissant.json").read_text(encoding="utf-8")
+    written = (ROOT / "data" / "croissant.json").read_text()
     assert written == load_script("write_croissant").text(), "run scripts/write_croissant.py"
 
 
@@ -147,7 +147,7 @@ def test_hub_dataset__has_every_task_as_flat_rows_and_a_card_that_names_its_file
 
 @pytest.mark.long
 def test_croissant__is_valid_and_can_be_read(tmp_path):
-    mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
+    mlcroissant = pytest.importorskip("mlcroissant")
     for name in ("croissant.json", "builtin.jsonl.gz"):
         (tmp_path / name).write_bytes((ROOT / "data" / name).read_bytes())
     succeeds("data export builtin --out", tmp_path / "builtin-tasks.jsonl")

@@ -37,21 +37,20 @@ def test_file__errors_name_the_file_and_the_fault(case, tmp_path):
     assert not check_corpus(path).ok
 
 
-def test_file__missing_file_error_names_the_choices(tmp_path):
-    with pytest.raises(CorpusError, match=r"no corpus .*gone\.jsonl.*choose from \"builtin\""):
-        load_tasks(tmp_path / "gone.jsonl", "tower", "scratch", "train")
-
-
-def test_file__an_unreadable_file_is_an_error(tmp_path):
-    (tmp_path / "tower_scratch_train.json").mkdir()
-    with pytest.raises(CorpusError, match=r"tower_scratch_train\.json: cannot be read"):
-        load_tasks(tmp_path, "tower", "scratch", "train")
-
-
-def test_directory__without_released_files_is_an_error(tmp_path):
-    with pytest.raises(CorpusError, match=r"lacks tower_scratch_train\.json; it has none of the released files"):
-        load_tasks(tmp_path, "tower", "scratch", "train")
-    assert "none of the released files" in str(check_corpus(tmp_path))
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("gone.jsonl", r"no corpus .*gone\.jsonl.*choose from \"builtin\""),
+        ("empty", r"lacks tower_scratch_train\.json; it has none of the released files"),
+        ("odd", r"tower_scratch_train\.json: cannot be read"),
+    ],
+)
+def test_path__of_no_corpus_is_an_error(name, message, tmp_path):
+    for directory in ("empty", "odd/tower_scratch_train.json"):
+        (tmp_path / directory).mkdir(parents=True)
+    with pytest.raises(CorpusError, match=message):
+        load_tasks(tmp_path / name, "tower", "scratch", "train")
+    assert "none of the released files" in str(check_corpus(tmp_path / "empty"))
 
 
 ENTRY_FAULTS = [  # of the first entry

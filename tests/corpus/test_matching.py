@@ -22,6 +22,7 @@ def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path):
     assert len(matching_corpus(tasks)) == len(tasks)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_solvable_matching_corpus__of_official_train_lacks_one_in_a_hundred():
     tasks = {name: load_tasks("lilgym", name, "scratch", "train") for name in ("tower", "scatter")}

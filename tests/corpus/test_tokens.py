@@ -36,9 +36,13 @@ def test_encode__pads_or_truncates_at_the_end_and_marks_unknown_words():
     assert vocabulary.encode("Two green blue", 2).tolist() == [3, UNKNOWN]
 
 
-def test_encode__a_length_below_one_is_an_error():
+def test_invalid_values__are_errors_that_name_them():
     with pytest.raises(VocabularyError, match="length must be at least 1, not 0"):
         Vocabulary(("a",)).encode("a", 0)
+    with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
+        Vocabulary(("blue", "two")).decode([9])
+    with pytest.raises(VocabularyError, match="duplicate words: a"):
+        Vocabulary(("a", "b", "a"))
 
 
 def test_decode__inverts_encode():
@@ -51,16 +55,6 @@ def test_statement__encodes_to_its_token_ids(words_known):
     vocabulary = Vocabulary(words_known)
     encoded = vocabulary.encode("two green blue x", 6)
     assert vocabulary.encode(vocabulary.statement(encoded), 6).tolist() == encoded.tolist()
-
-
-def test_decode__an_invalid_token_id_is_an_error():
-    with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
-        Vocabulary(("blue", "two")).decode([9])
-
-
-def test_vocabulary__duplicate_words_are_an_error():
-    with pytest.raises(VocabularyError, match="duplicate words: a"):
-        Vocabulary(("a", "b", "a"))
 
 
 def test_load__inverts_save(tmp_path):

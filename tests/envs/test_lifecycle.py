@@ -69,11 +69,9 @@ def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(dupli
     env = ActionMask(gym.make(TOWER))
     for prepare in (lambda: None, lambda: env.np_random, env.reset):
         prepare()
-        copies = [duplicate(env) for _ in range(3)]
-        assert len({tuple(tasks_of(each)) for each in copies}) == 3
+        assert tasks_of(duplicate(env)) != tasks_of(duplicate(env))
     env.reset(seed=3)
-    assert len({tuple(tasks_of(duplicate(env))) for _ in range(3)}) == 1
-    assert tasks_of(duplicate(env)) == tasks_of(env)
+    assert tasks_of(duplicate(env)) == tasks_of(duplicate(env)) == tasks_of(env)
 
 
 @pytest.mark.parametrize("wrappers", [[], [TextObservation]])

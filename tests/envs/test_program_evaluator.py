@@ -38,25 +38,27 @@ def copied(of):
 
 
 @pytest.mark.usefixtures("official_data")
+@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_official_program(appearance):
-    check_goals("lilgym", appearance, 2)
+def test_goals__equal_the_values_of_every_official_program(appearance, split):
+    check_goals("lilgym", appearance, split)
 
 
+@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance):
-    check_goals("builtin", appearance, 2)
+def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance, split):
+    check_goals("builtin", appearance, split)
 
 
-def check_goals(corpus, appearance, rounds):
+def check_goals(corpus, appearance, split):
     """Compares goals in the start scenes and after legal edits."""
-    by_program = {
-        task.program: task for split in ("train", "dev") for task in load_tasks(corpus, appearance, "flipit", split)
-    }
+    by_program = {task.program: task for task in load_tasks(corpus, appearance, "flipit", split)}
     core, buffers = started_core(appearance, list(by_program.values()))
     chance = np.random.default_rng(0)
-    for _ in range(rounds):
+    reached = 0
+    for _ in range(4):
         core.write_goals()
+        reached += buffers.goal.sum()
         for env_id, goal in enumerate(buffers.goal.tolist()):
             state = core.state(env_id)
             assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
@@ -64,7 +66,7 @@ def check_goals(corpus, appearance, rounds):
         buffers.mask[:, 0] = False
         buffers.action[:] = (buffers.mask * chance.random(buffers.mask.shape)).argmax(axis=1)  # legal edits
         core.step(None)
-    assert buffers.goal.sum() > 10  # in the last round
+    assert reached > 3  # by edits
 
 
 OPERATIONS = {

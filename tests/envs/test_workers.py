@@ -200,6 +200,7 @@ def test_a_caller_that_ends__leaves_no_process_and_no_memory(tmp_path, how, star
         assert complaint.strip().splitlines()[-1].startswith("OSError" if how == "exception" else "KeyboardInterrupt")
 
 
+@pytest.mark.long
 def test_workers__work_in_an_interactive_session():
     session = f"""
 from lilgym_mp.envs.workers import WorkerVectorEnv

@@ -3,9 +3,7 @@
 import errno
 import gzip
 import json
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,7 +18,6 @@ from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import error_of, lilgym, succeeds
 from tests.json_files import read_json_lines
 
-Collect = Callable[..., Any]
 PARTS = {
     "image": {"image"},
     "tokens": {"image", "tokens"},
@@ -128,7 +125,7 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, 
     command = "TowerFlipIt --episodes 3 --optimal-actions"
     arrays = collect(command)
     succeeds(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz")
-    with gzip.open(tmp_path / "own.jsonl.gz", "rt", encoding="utf-8") as file:
+    with gzip.open(tmp_path / "own.jsonl.gz", "rt") as file:
         rows = [json.loads(line) for line in file]
     assert [row["statement"] for row in rows] == arrays["statement"].tolist()
     assert [action for row in rows for action in row["action"]] == arrays["action"].tolist()
@@ -162,7 +159,7 @@ def test_recordings__become_a_data_set(tmp_path, capsys):
 
 
 def test_played_episodes__become_a_data_set(tmp_path):
-    database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
+    database = pytest.importorskip("lilgym_mp.contrib.web.database")
     task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
     fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "task_id": task.id}
     with database.Database(tmp_path / "web.sqlite3").write() as connection:

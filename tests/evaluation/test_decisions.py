@@ -93,7 +93,7 @@ def test_record__policy_without_output_has_no_decisions():
 
 
 def test_evaluate__recording_decisions_does_not_change_episodes():
-    settings = Settings("TowerFlipIt")
+    settings = Settings("TowerScratch")
     plain, recorded = (evaluate(random_legal, settings, "dev", record_decisions=on) for on in (False, True))
     assert plain == [replace(episode, decisions=None) for episode in recorded]
 

@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,9 +23,9 @@ from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statemen
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.command_line import succeeds
-from tests.scripts import load_script
+from tests.scripts import ROOT, load_script
 
-RUNS = Path(__file__).parents[2] / "docs" / "results" / "runs.csv"
+RUNS = ROOT / "docs" / "results" / "runs.csv"
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
@@ -117,9 +118,14 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
     assert max(map(len, names)) < 120
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("recorded"), SIMPLE).path
+
+
 @pytest.fixture
-def recording(tmp_path):
-    return record(tmp_path, SIMPLE)
+def recording(recorded, tmp_path):
+    return read_episodes(Path(shutil.copy(recorded, tmp_path)))
 
 
 def rewrite(path, change):
@@ -204,5 +210,5 @@ def test_results__random_rows_have_the_published_digest(official_data, tmp_path)
     command = "evaluate --corpus lilgym --optimal --policy random-legal random-type --passes 5 --record"
     succeeds(command, tmp_path, "--configuration", *CONFIGURATIONS)
     digest = load_script("digest_recordings").digest(tmp_path)
-    row = next(line for line in RUNS.read_text(encoding="utf-8").splitlines() if line.startswith('"8, 9"'))
+    row = next(line for line in RUNS.read_text().splitlines() if line.startswith('"8, 9"'))
     assert row.endswith(digest)

@@ -1,7 +1,5 @@
 """The recorded episodes of release 0.0.1, repeated action by action under rules="release"."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json
@@ -41,7 +39,7 @@ RECORDINGS = [
 @pytest.fixture(scope="module")
 def recorded_episodes(golden):
     """Every recorded episode, by what was recorded."""
-    with gzip.open(golden / "episodes.jsonl.gz", "rt", encoding="utf-8") as file:
+    with gzip.open(golden / "episodes.jsonl.gz", "rt") as file:
         episodes = [json.loads(line) for line in file]
 
     def recording_of(episode):

@@ -20,7 +20,7 @@ def outcome(evaluate, scene):
 
 @pytest.fixture(scope="module")
 def recorded_truths(golden):
-    with gzip.open(golden / "program_truths.json.gz", "rt", encoding="utf-8") as file:
+    with gzip.open(golden / "program_truths.json.gz", "rt") as file:
         return json.load(file)
 
 
@@ -38,7 +38,7 @@ def test_program_truths__of_both_evaluators_equal_the_recorded_ones(recorded_tru
 @pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.long), "dev"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_labels__equal_the_truth_in_the_start_scene(official_data, appearance, split):
-    records = json.loads((official_data / f"{appearance}_flipit_{split}.json").read_text(encoding="utf-8"))
+    records = json.loads((official_data / f"{appearance}_flipit_{split}.json").read_text())
     for identifier, record in records.items():
         program = compile_program(record["lf"])
         assert program(Scene.from_json(record["structured_rep"])) is (record["label"] == "true"), identifier
@@ -50,7 +50,7 @@ def test_official_programs__both_forms_agree_and_nearly_all_have_generated_code(
     sources = {}
     scenes = []
     for path in sorted(official_data.glob("*_*_*.json")):
-        for record in json.loads(path.read_text(encoding="utf-8")).values():
+        for record in json.loads(path.read_text()).values():
             sources[record["lf"]] = None
             if "structured_rep" in record and chance.random() < 0.02:
                 scenes.append(Scene.from_json(record["structured_rep"]))

@@ -79,7 +79,7 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
     programs = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 2_500):
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 1_500):
         programs.setdefault(statement, set()).add(program)
     for statement, found in programs.items():
         if len(found) == 1:

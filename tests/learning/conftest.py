@@ -8,9 +8,18 @@ import torch
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import evaluate
 from lilgym_mp.learning.common.model_file import load_model
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.programs.compiler import Program
 from lilgym_mp.scene.actions import Stop
-from tests.corpora import write_own_corpus, write_three_statements
+from tests.corpora import write_three_statements
+
+SMALL_PPO = PPORecipe(
+    envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
+)
+SMALL_GAME = GameRecipe(
+    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
+)
 
 
 @pytest.fixture(autouse=True)
@@ -19,12 +28,6 @@ def _single_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
-
-
-@pytest.fixture(scope="session")
-def own(tmp_path_factory):
-    """The path of a small corpus."""
-    return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
 @pytest.fixture(scope="session")

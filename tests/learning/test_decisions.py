@@ -7,15 +7,12 @@ import pytest
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.agents import load_agent, open_agent
-from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.command_line import lilgym, succeeds
 from tests.json_files import read_json
+from tests.learning.conftest import SMALL_PPO as SMALL
 
 TOWER = Settings("TowerFlipIt")
-SMALL = PPORecipe(
-    envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
-)
 
 
 def played(policy, settings=TOWER):

@@ -137,6 +137,7 @@ def by_role(body, number):
     return 200, chat("reject" if "You are the verifier" in body["messages"][0]["content"] else "STOP")
 
 
+@pytest.mark.long
 def test_command__cross_plays_the_model_with_scripted_partners_and_itself(tmp_path, capsys):
     with served(by_role) as (url, _):
         assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0

@@ -555,8 +555,8 @@ TEMPLATE = "<bos> {% for message in messages %}{{ message.content }} {% endfor %
 
 def tiny_model(directory, chat_template=TEMPLATE):
     """Saves a random model whose tokenizer begins every text with <bos>."""
-    transformers = pytest.importorskip("transformers", reason="needs the extra transformers")
-    tokenizers = pytest.importorskip("tokenizers", reason="needs the extra transformers")
+    transformers = pytest.importorskip("transformers")
+    tokenizers = pytest.importorskip("tokenizers")
     words = {word: index for index, word in enumerate(("<eos>", "<bos>", "<think>", "</think>", "STOP", "the", "Hm"))}
     backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
     backend.pre_tokenizer = tokenizers.pre_tokenizers.WhitespaceSplit()

@@ -18,6 +18,7 @@ PLAYED = {
 }
 
 
+@pytest.mark.long
 def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(table, "baselines", lambda args: {"expert": {"TowerScratch": 1.0}})
     monkeypatch.setattr(table, "shipped", lambda args: {})

@@ -34,7 +34,7 @@ def value(source, scene):
         return None
 
 
-def check(corpus, step=6):
+def check(corpus, step):
     """Checks every `step`-th training program of the corpus; returns their number."""
     count = 0
     for appearance in ("tower", "scatter"):
@@ -57,12 +57,13 @@ def check(corpus, step=6):
 
 
 def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
-    assert check("builtin") > 250
+    assert check("builtin", 15) > 100
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("official_data")
 def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens():
-    assert check("lilgym", 12) > 150
+    assert check("lilgym", 40) > 45
 
 
 @pytest.mark.parametrize(

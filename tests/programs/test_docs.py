@@ -1,15 +1,12 @@
 """docs/programs.md matches the code."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
-from tests.scripts import load_script
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.scripts import ROOT, load_script
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +15,7 @@ def generator():
 
 
 def test_program_docs__are_up_to_date(generator):
-    written = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+    written = (ROOT / "docs" / "programs.md").read_text()
     assert written == generator.document(), "run scripts/generate_program_docs.py"
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from lilgym_mp.programs import compile_program
@@ -19,7 +17,7 @@ from tests.solver.tasks import mdp, optimal_by_trial, task
 
 
 @pytest.fixture(autouse=True)
-def other_words() -> Iterator[None]:
+def other_words():
     known = dict(WORDS)
 
     @register_word("item tests", depends_on="position")
@@ -53,7 +51,7 @@ def other_words() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("condition", ["is_high(x)", "is_high(x) and not is_close_to_wall(x)"])
-def test_solver__finds_all_first_actions(condition: str):
+def test_solver__finds_all_first_actions(condition):
     dynamics = mdp("scatter")
     state = dynamics.start(task(f"exist(filter_obj(all_items, lambda x: {condition}))"))
     found, (edits, firsts) = Solver(dynamics).optimal_actions(state), optimal_by_trial(dynamics, state, 1)

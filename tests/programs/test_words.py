@@ -1,7 +1,5 @@
 """`@word` rejects functions that are not fully declared, with a one-line reason."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -48,13 +46,13 @@ def variadic(*items: ItemsArg) -> bool:
         (variadic, r"word variadic cannot take variadic arguments such as \*items"),
     ],
 )
-def test_word__incomplete_declarations_are_rejected(function: Any, reason: str) -> None:
+def test_word__incomplete_declarations_are_rejected(function, reason):
     with pytest.raises(WordError, match=reason):
         word("sets")(function)
     assert function.__name__ not in WORDS
 
 
-def test_word__a_name_cannot_be_registered_twice() -> None:
+def test_word__a_name_cannot_be_registered_twice():
     with pytest.raises(WordError, match=r"count is already defined in lilgym_mp\.programs\.functions"):
         word("sets", name="count")(documented)
 
@@ -69,6 +67,6 @@ def test_word__a_name_cannot_be_registered_twice() -> None:
         ),
     ],
 )
-def test_word__unknown_options_are_rejected_with_the_choices(options: dict[str, Any], reason: str) -> None:
+def test_word__unknown_options_are_rejected_with_the_choices(options, reason):
     with pytest.raises(WordError, match=reason):
         word(**options)

@@ -171,4 +171,4 @@ def _drawn(axes):
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
         write_example(Path(place))
-        GOLDEN.write_text(report_text(Path(place)), encoding="utf-8")
+        GOLDEN.write_text(report_text(Path(place)))

@@ -89,7 +89,7 @@ def test_report__passes_axe_and_folds_what_is_long(browser, report, *, dark):
 
 
 def test_printed_report__has_every_column_of_every_table(browser, report, tmp_path):
-    pypdf = pytest.importorskip("pypdf", reason="needs pypdf, of the extra browser")
+    pypdf = pytest.importorskip("pypdf")
     with watched_page(browser) as watched:
         watched.page.goto(report.as_uri())
         watched.page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)

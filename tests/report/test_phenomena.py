@@ -1,7 +1,5 @@
 """Phenomena and forms: each rule on the smallest programs that meet it, and on those that only look like it."""
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +8,7 @@ from lilgym_mp.contrib.report.phenomena import RULES, SYNTAX_RULES, phenomena, s
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.programs import ProgramError
+from tests.scripts import ROOT
 
 ITEMS = "x.all_items_in_box()"
 
@@ -165,7 +164,7 @@ def test_syntax_rules__ignore_case_punctuation_and_digits():
 
 
 def test_rules__descriptions_are_documented():
-    text = (Path(__file__).resolve().parents[2] / "docs" / "official_data.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "official_data.md").read_text()
     described = {phenomenon: " ".join((rule.__doc__ or "").split()).rstrip(".") for phenomenon, rule in RULES.items()}
     rows = {phenomenon: f"| {phenomenon} | {words[:1].lower()}{words[1:]} |" for phenomenon, words in described.items()}
     missing = [phenomenon for phenomenon, row in rows.items() if row not in text]

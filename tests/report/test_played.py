@@ -35,7 +35,7 @@ def run(corpus, tmp_path):
 
 
 def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tmp_path):
-    database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
+    database = pytest.importorskip("lilgym_mp.contrib.web.database")
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --record"
     succeeds(command, tmp_path / "recorded")
     fields = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch"}
@@ -86,7 +86,7 @@ def test_conversations__of_damaged_files_are_refused(run, file, content, message
 
 
 def test_episodes__of_an_edited_corpus_are_refused(run, corpus, tmp_path, capsys):
-    database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
+    database = pytest.importorskip("lilgym_mp.contrib.web.database")
     row = {"corpus": str(corpus), "split": "dev", "configuration": "TowerScratch", "player": "", "task_id": "t0"}
     row |= {"actions": [3, 0], "outcome": "success", "statement": "There is a blue block."}
     with database.Database(tmp_path / "web.sqlite3").write() as connection:
@@ -104,7 +104,7 @@ def test_episodes__of_an_edited_corpus_are_refused(run, corpus, tmp_path, capsys
 def test_database__of_an_earlier_version_gets_the_statements_column(tmp_path):
     import sqlite3
 
-    database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
+    database = pytest.importorskip("lilgym_mp.contrib.web.database")
     columns = ["id PRIMARY KEY", *(name for name in database.EPISODE_COLUMNS[1:] if name != "statement")]
     with sqlite3.connect(tmp_path / "web.sqlite3") as connection:
         connection.execute(f"CREATE TABLE played_episodes ({', '.join(columns)})")

@@ -43,7 +43,7 @@ from tests.report.recordings import (
 
 
 def test_report__has_the_recorded_numbers_and_charts(example):
-    assert report_text(example) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
+    assert report_text(example) == GOLDEN.read_text(), "python -m tests.report.recordings"
 
 
 def plain(cell):

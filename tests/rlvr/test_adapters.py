@@ -1,13 +1,11 @@
 """Each adapter keeps the contract of its library, where that is installed."""
 
 import os
-from pathlib import Path
 
 import pytest
 
 from tests.command_line import python
-
-ROOT = Path(__file__).parents[2]
+from tests.scripts import ROOT
 
 
 @pytest.mark.long

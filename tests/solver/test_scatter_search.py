@@ -73,9 +73,11 @@ def test_solution__removes_an_item():
     assert solution.actions == (RemoveItem(0, 0), STOP)
 
 
-def test_solution__is_proven_shortest_if_shorter_abstract_paths_are_infeasible():
-    """A small item added to an empty cell lies at its top; only another item in that place makes it lie lower."""
-    solution = Solver(mdp("scatter")).solve(task(SMALL_AT_THE_FLOOR))
+# A small item added to an empty cell lies at its top, so shorter abstract paths are infeasible: only another item in
+# that place makes it lie lower. Of a relational program, solutions of up to two edits are proven.
+@pytest.mark.parametrize("program", [SMALL_AT_THE_FLOOR, BLACK_OVER_YELLOW])
+def test_solution__is_proven_shortest(program):
+    solution = Solver(mdp("scatter")).solve(task(program))
     assert (solution.steps, solution.proven_optimal) == (3, True)
 
 
@@ -93,20 +95,12 @@ def test_solution__may_remove_an_item_and_add_one_like_it_elsewhere():
     assert (solution.steps, solution.proven_optimal) == (4, True)
 
 
-def test_solution__of_a_relational_program_is_proven_for_up_to_two_edits():
-    solution = Solver(mdp("scatter")).solve(task(BLACK_OVER_YELLOW))
-    assert (solution.steps, solution.proven_optimal) == (3, True)
-
-
 @pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
-def test_solution__of_a_task_solved_at_its_start_is_stop(program):
+def test_horizon__of_one_action_leaves_stop_to_a_task_solved_at_its_start_and_no_edit(program):
     start = scene_of("circle 0,0 blue; triangle 0,60; square 40,0 black")
-    assert Solver(mdp("scatter", horizon=1)).solve(task(program, start)).actions == (STOP,)
-
-
-@pytest.mark.parametrize("program", [BLUE_CIRCLE, BLACK_OVER_YELLOW])
-def test_horizon__of_one_action_leaves_no_edit(program):
-    assert Solver(mdp("scatter", horizon=1)).solve(task(program)).status is Status.UNSOLVABLE
+    solver = Solver(mdp("scatter", horizon=1))
+    assert solver.solve(task(program, start)).actions == (STOP,)
+    assert solver.solve(task(program)).status is Status.UNSOLVABLE
 
 
 def test_unsolvable__is_proven_if_too_many_items_are_needed():

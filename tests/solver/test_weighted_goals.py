@@ -115,22 +115,17 @@ def test_satisfied__are_the_goals_that_hold_at_stop(appearance, mix):
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_plan__is_the_shorter_of_two_with_equal_mass(appearance):
-    plan = Solver(mdp(appearance)).plan_for(goals((THREE_BLUE, 0.5), (TWO_BLUE, 0.5)), Scene.empty(), 11)
-    assert (len(plan.actions), plan.satisfied) == (3, (1,))
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_goals__of_the_same_program_and_target_add_up(appearance):
-    given = goals((BLUE, 0.3), (NO_BLACK, 0.3), (BLUE, 0.4))
-    plan = Solver(mdp(appearance)).plan_for(given, Scene.empty(), 11)
-    assert (plan.satisfied, plan.mass, len(plan.actions)) == ((0, 1, 2), pytest.approx(1.0), 2)
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_goals__out_of_reach_leave_no_plan(appearance):
-    plan = Solver(mdp(appearance)).plan_for(goals((NEVER, 1.0)), Scene.empty(), 4)
-    assert (plan.actions, plan.satisfied, plan.mass) == ((), (), 0.0)
+@pytest.mark.parametrize(
+    ("given", "edits_left", "actions", "satisfied", "mass"),
+    [
+        (goals((THREE_BLUE, 0.5), (TWO_BLUE, 0.5)), 11, 3, (1,), 0.5),  # the shorter of two of equal mass
+        (goals((BLUE, 0.3), (NO_BLACK, 0.3), (BLUE, 0.4)), 11, 2, (0, 1, 2), 1.0),  # equal goals add up
+        (goals((NEVER, 1.0)), 4, 0, (), 0.0),  # nothing is in reach
+    ],
+)
+def test_plan__from_an_empty_scene(appearance, given, edits_left, actions, satisfied, mass):
+    plan = Solver(mdp(appearance)).plan_for(given, Scene.empty(), edits_left)
+    assert (len(plan.actions), plan.satisfied, plan.mass) == (actions, satisfied, pytest.approx(mass))
 
 
 def test_bad_input__is_named():

@@ -9,28 +9,11 @@ from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import entry
+from tests.stress.hostile_records import ODD_VALUES
 
 SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "size": 10}], []]
 PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
 ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
-ODD_VALUES = (
-    None,
-    True,
-    0,
-    -1,
-    10**30,
-    1.5,
-    float("nan"),
-    "",
-    " ",
-    "\x1b[31m",
-    "a" * 10_000,
-    [],
-    [[]],
-    {},
-    {"a": 1},
-    "\ud800",
-)
 CORRUPTIONS = ("flip", "cut", "repeat", "odd value", "lost key", "deep", "gzip", "not text")
 
 

@@ -76,10 +76,10 @@ def recorded(directory, configuration="TowerScratch"):
     words = ["evaluate", "--policy", "random-legal", "--configuration", configuration, "--record-decisions"]
     _quietly([*words, "--record", str(directory)])
     file = next(directory.rglob(f"*{SUFFIX}"))
-    with gzip.open(file, "rt", encoding="utf-8") as lines:
+    with gzip.open(file, "rt") as lines:
         rows = [json.loads(line) for _, line in zip(range(1 + EPISODES), lines, strict=False)]
     rows[0]["episodes"] = EPISODES
-    return rows, json.loads(next(directory.rglob(f"*{METADATA_SUFFIX}")).read_text(encoding="utf-8"))
+    return rows, json.loads(next(directory.rglob(f"*{METADATA_SUFFIX}")).read_text())
 
 
 def _quietly(words):
@@ -99,7 +99,7 @@ def hostile_reports(count, seed):
             spoil(rng.choice([lines[0], lines[rng.randint(1, EPISODES)], lines, described]), rng)
             case = Path(base) / str(index)
             case.mkdir()
-            (case / f"a{METADATA_SUFFIX}").write_text(json.dumps(described), encoding="utf-8")
+            (case / f"a{METADATA_SUFFIX}").write_text(json.dumps(described))
             (case / f"a{SUFFIX}").write_bytes(gzip.compress(_lines(lines).encode()))
             outcomes[_outcome(case)] += 1
     return outcomes, []
@@ -112,7 +112,7 @@ def _lines(rows):
 def _outcome(case):
     code, errors = _quietly(["report", str(case), "--out", str(case / "out")])
     if code == 0:
-        page = (case / "out" / "index.html").read_text(encoding="utf-8")
+        page = (case / "out" / "index.html").read_text()
         assert MARKUP not in page, page[max(0, page.index(MARKUP) - 300) :][:400]
         return "a page"
     assert code == 2, (code, errors)

@@ -1,14 +1,13 @@
 """Compares the action mask with `Dynamics.step` for every action in many scenes, and counts errors.
 
-Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA, of the official one; the others come
-from random valid edits of these and of the empty scene.
+Half of the scenes are start scenes of the builtin corpus; the others come from random valid edits of these and of the
+empty scene.
 """
 
-import os
 import random
 from itertools import product
 
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.envs.rules import RULE_SETS, Outcome, State, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -21,11 +20,8 @@ REMOVE_SHARE = 0.3  # of the edits tried, so that boxes do not just fill up
 
 
 def start_scenes(appearance):
-    """The distinct start scenes of the available corpora, after the empty scene."""
-    corpora = [("builtin", split) for split in ("train", "dev", "test")]
-    if os.environ.get("LILGYM_DATA"):
-        corpora += [("lilgym", split) for split in ("train", "dev")]
-    tasks = (task for corpus, split in corpora for task in load_tasks(corpus, appearance, "flipit", split))
+    """The distinct start scenes of the builtin corpus, after the empty scene."""
+    tasks = (task for tasks in load_all_tasks("builtin", [appearance], ["flipit"]) for task in tasks)
     scenes = {tuple(box.items for box in task.start.boxes): task.start for task in tasks}
     return [make_appearance(appearance).check_scene(Scene.empty()), *scenes.values()]
 

@@ -106,7 +106,8 @@ def test_run__of_an_invalid_program_is_refused(browser):
 @pytest.mark.parametrize(
     ("program", "fault"), [("is_blue(all_items)", "must be an item"), (ATTACKS["sorting seven boxes"], "")]
 )
-def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser, program, fault):
+def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser, program, fault, monkeypatch):
+    monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
     for value in browser.post(f"{API}/run", {"program": program}, params=QUERY).json():
         assert value["truth"] is None
         assert value["fault"]

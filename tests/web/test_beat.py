@@ -2,7 +2,7 @@
 
 import pytest
 
-pytest.importorskip("torch", reason="agents need the extra `train`")
+pytest.importorskip("torch")
 
 
 def test_opponent__is_any_agent_that_plays_the_tasks(browser):

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import cycle
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -23,7 +23,7 @@ from tests.corpora import small_entries, write_thin_corpus
 from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
 from tests.web.web_app import server
 
-uvicorn = pytest.importorskip("uvicorn", reason="the browser suite needs the extra `web`")
+uvicorn = pytest.importorskip("uvicorn")
 
 PAGES = (
     "/",
@@ -41,9 +41,9 @@ PAGES = (
 
 @contextmanager
 def served(directory, **options):
-    """Runs a server in a thread; yields its URL and application."""
+    """Runs a server in a thread; yields its URL."""
     with server(directory, **options) as app, running(app) as port:
-        yield f"http://127.0.0.1:{port}", app
+        yield f"http://127.0.0.1:{port}"
 
 
 @contextmanager
@@ -66,10 +66,21 @@ def browser():
 
 
 @pytest.fixture
-def watched(browser, tmp_path):
-    """A page on a server of its own."""
-    with served(tmp_path) as (url, _), watched_page(browser, url=url) as opened:
+def opened(browser, tmp_path):
+    """Opens a page on a server of its own, with options of the window and of the server."""
+    with ExitStack() as stack:
+
+        def opened(*size, dark=False, bypass_csp=False, **options):
+            url = stack.enter_context(served(tmp_path, **options))
+            return stack.enter_context(watched_page(browser, *size, url=url, dark=dark, bypass_csp=bypass_csp))
+
         yield opened
+
+
+@pytest.fixture
+def watched(opened):
+    """A page on a server of its own."""
+    return opened()
 
 
 @pytest.fixture
@@ -126,24 +137,23 @@ def _begin(page):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_play__an_illegal_action_is_explained_below_the_scene_and_the_end_is_in_view(browser, tmp_path, size):
-    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
-        page = watched.page
-        _begin(page)
-        cell = page.locator(".cells button[data-column='0'][data-row='1']")
-        cell.scroll_into_view_if_needed()
-        page.evaluate("board.choose('size', 'LARGE')")
-        tops = "['#board', '#tools', '#stop'].map(name => document.querySelector(name).getBoundingClientRect().top)"
-        before = page.evaluate(tops)
-        cell.click()
-        page.wait_for_selector("#messages .error:has-text('Not done: ')")
-        assert page.evaluate(tops) == before
-        assert _in_viewport(page, "#messages .error")
-        page.click("#stop")
-        page.wait_for_selector("#end-title:focus")
-        assert page.inner_text("#end-title") == "Wrong STOP"
-        assert _in_viewport(page, "#end-title")
-        assert _in_viewport(page, "#next")
+def test_play__an_illegal_action_is_explained_below_the_scene_and_the_end_is_in_view(opened, size):
+    page = opened(*size).page
+    _begin(page)
+    cell = page.locator(".cells button[data-column='0'][data-row='1']")
+    cell.scroll_into_view_if_needed()
+    page.evaluate("board.choose('size', 'LARGE')")
+    tops = "['#board', '#tools', '#stop'].map(name => document.querySelector(name).getBoundingClientRect().top)"
+    before = page.evaluate(tops)
+    cell.click()
+    page.wait_for_selector("#messages .error:has-text('Not done: ')")
+    assert page.evaluate(tops) == before
+    assert _in_viewport(page, "#messages .error")
+    page.click("#stop")
+    page.wait_for_selector("#end-title:focus")
+    assert page.inner_text("#end-title") == "Wrong STOP"
+    assert _in_viewport(page, "#end-title")
+    assert _in_viewport(page, "#next")
 
 
 def test_play__shows_the_item_under_the_pointer(page):
@@ -162,39 +172,38 @@ def _annotate(page):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_annotate__a_program_is_run_submitted_and_downloaded(browser, tmp_path, size):
-    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
-        page = watched.page
-        _annotate(page)
-        shown = page.locator("#scenes img").count()
-        program = scenes_of()[0].program
-        page.fill("#program", f"NOT({program})")
-        page.click("#run")
-        page.wait_for_selector("#messages .error:has-text('does not have the statement')")
-        assert page.is_disabled("#submit")
-        page.fill("#program", overfitted(shown))
-        assert page.locator("#result li").count() == page.locator("#messages .notice").count() == 0
-        page.click("#run")
-        page.wait_for_selector("#submit:not([disabled])")
-        assert _in_viewport(page, "#messages .success")
-        page.click("#submit")  # without a name
-        assert page.evaluate("document.activeElement.name") == "name"
-        page.fill("[name=name]", "Ada")
-        page.click("#submit")
-        page.wait_for_selector("#messages .error:has-text('in every hidden scene')")
-        page.fill("#program", program)
-        page.click("#run")
-        page.wait_for_selector("#submit:not([disabled])")
-        page.dblclick("#submit")  # posted twice, kept once
-        page.wait_for_selector("#messages .success:has-text('hidden ones included')")
-        assert _in_viewport(page, "#messages .success")
-        assert page.inner_text("#progress").startswith("1 of ")
-        with page.expect_download() as download:
-            page.click("text=Download all annotations")
-        assert len(Path(download.value.path()).read_text().splitlines()) == 2
-        page.click("text=Next statement")
-        page.wait_for_selector("#work:not([aria-busy])")
-        assert page.input_value("#program") == ""
+def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
+    page = opened(*size).page
+    _annotate(page)
+    shown = page.locator("#scenes img").count()
+    program = scenes_of()[0].program
+    page.fill("#program", f"NOT({program})")
+    page.click("#run")
+    page.wait_for_selector("#messages .error:has-text('does not have the statement')")
+    assert page.is_disabled("#submit")
+    page.fill("#program", overfitted(shown))
+    assert page.locator("#result li").count() == page.locator("#messages .notice").count() == 0
+    page.click("#run")
+    page.wait_for_selector("#submit:not([disabled])")
+    assert _in_viewport(page, "#messages .success")
+    page.click("#submit")  # without a name
+    assert page.evaluate("document.activeElement.name") == "name"
+    page.fill("[name=name]", "Ada")
+    page.click("#submit")
+    page.wait_for_selector("#messages .error:has-text('in every hidden scene')")
+    page.fill("#program", program)
+    page.click("#run")
+    page.wait_for_selector("#submit:not([disabled])")
+    page.dblclick("#submit")  # posted twice, kept once
+    page.wait_for_selector("#messages .success:has-text('hidden ones included')")
+    assert _in_viewport(page, "#messages .success")
+    assert page.inner_text("#progress").startswith("1 of ")
+    with page.expect_download() as download:
+        page.click("text=Download all annotations")
+    assert len(Path(download.value.path()).read_text().splitlines()) == 2
+    page.click("text=Next statement")
+    page.wait_for_selector("#work:not([aria-busy])")
+    assert page.input_value("#program") == ""
 
 
 def test_annotate__the_text_and_the_name_survive_a_reload(watched):
@@ -211,27 +220,26 @@ def test_annotate__the_text_and_the_name_survive_a_reload(watched):
     _assert_clean(watched)
 
 
-def test_watch__the_heat_map_leaves_items_alone(browser, tmp_path, runs):
-    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/watch")
-        page.wait_for_selector("#viewer .strip img")
-        page.wait_for_selector(".heat rect[opacity]", state="attached")
-        items = page.evaluate("sides[0].view.scene.items")
+def test_watch__the_heat_map_leaves_items_alone(opened, runs):
+    page = opened(runs=runs).page
+    page.goto("/watch")
+    page.wait_for_selector("#viewer .strip img")
+    page.wait_for_selector(".heat rect[opacity]", state="attached")
+    items = page.evaluate("sides[0].view.scene.items")
 
-        def pixels():
-            image = Image.open(io.BytesIO(page.locator(".side .scene").first.screenshot()))
-            return np.asarray(image.convert("RGB").resize((760, 200)), np.int64)
+    def pixels():
+        image = Image.open(io.BytesIO(page.locator(".side .scene").first.screenshot()))
+        return np.asarray(image.convert("RGB").resize((760, 200)), np.int64)
 
-        heated = pixels()
-        page.click("#heat")
-        difference = np.abs(heated - pixels()).max(axis=2)
-        assert items
-        assert difference.max() > 10
-        for item in items:
-            x, y, side = (2 * item[name] for name in ("x", "y", "side"))
-            middle = slice(y + side // 2 - 4, y + side // 2 + 5), slice(x + side // 2 - 4, x + side // 2 + 5)
-            assert difference[middle].max() <= 2, item
+    heated = pixels()
+    page.click("#heat")
+    difference = np.abs(heated - pixels()).max(axis=2)
+    assert items
+    assert difference.max() > 10
+    for item in items:
+        x, y, side = (2 * item[name] for name in ("x", "y", "side"))
+        middle = slice(y + side // 2 - 4, y + side // 2 + 5), slice(x + side // 2 - 4, x + side // 2 + 5)
+        assert difference[middle].max() <= 2, item
 
 
 def test_game__key_1_accepts_and_the_end_reveals_the_task(page):
@@ -335,7 +343,7 @@ def test_home__is_a_playable_tower_task(watched):
 
 
 def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser, tmp_path):
-    with served(tmp_path) as (url, _):
+    with served(tmp_path) as url:
         context = browser.new_context(
             base_url=url, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True
         )
@@ -385,53 +393,52 @@ def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(w
     _assert_clean(watched)
 
 
-def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser, tmp_path):
+def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(watched):
     pytest.importorskip("torch")
     dynamics = Settings("TowerFlipIt").dynamics()
     solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
-    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/beat?seed=7")
-        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
-        for number in range(1, 11):
-            page.wait_for_selector("#tools:not([hidden])")
-            solution = solver.solve(tasks.by_id(page.evaluate("episode.task_id"))).actions
-            for action in solution if number > 1 else ["STOP"]:
-                page.evaluate("action => act(action)", action if number == 1 else describe(action))
-            line = page.locator(f"#rows tr:nth-child({number})")
-            line.wait_for()
-            you, agent, shortest = line.locator(".number").all_inner_texts()
-            assert (you, shortest) == ("–" if number == 1 else str(len(solution)), str(len(solution)))
-            assert agent == "–" or int(agent) >= int(shortest)
-            if number == 2:
-                page.reload()
-                page.wait_for_selector("#rows tr:nth-child(2)")
-            if number < 10:
-                page.click("#next")
-                page.wait_for_selector(f"#progress:has-text('Task {number + 1} of 10')")
-        page.wait_for_selector("#share:not([hidden])")
-        assert "You solved 9 of 10" in page.inner_text("#score")
-        with page.expect_download() as download:
-            page.click("#download")
-        with Image.open(download.value.path()) as picture:
-            assert (picture.format, picture.width) == ("PNG", 1000)
-        _assert_clean(watched)
+    page = watched.page
+    page.goto("/beat?seed=7")
+    page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+    for number in range(1, 11):
+        page.wait_for_selector("#tools:not([hidden])")
+        solution = solver.solve(tasks.by_id(page.evaluate("episode.task_id"))).actions
+        for action in solution if number > 1 else ["STOP"]:
+            page.evaluate("action => act(action)", action if number == 1 else describe(action))
+        line = page.locator(f"#rows tr:nth-child({number})")
+        line.wait_for()
+        you, agent, shortest = line.locator(".number").all_inner_texts()
+        assert (you, shortest) == ("–" if number == 1 else str(len(solution)), str(len(solution)))
+        assert agent == "–" or int(agent) >= int(shortest)
+        if number == 2:
+            page.reload()
+            page.wait_for_selector("#rows tr:nth-child(2)")
+        if number < 10:
+            page.click("#next")
+            page.wait_for_selector(f"#progress:has-text('Task {number + 1} of 10')")
+    page.wait_for_selector("#share:not([hidden])")
+    assert "You solved 9 of 10" in page.inner_text("#score")
+    with page.expect_download() as download:
+        page.click("#download")
+    with Image.open(download.value.path()) as picture:
+        assert (picture.format, picture.width) == ("PNG", 1000)
+    _assert_clean(watched)
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_pages__fit_360_pixels_and_load_no_external_resources(browser, tmp_path, dark):
-    with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark, url=url) as watched:
-        for path in PAGES:
-            watched.page.goto(path, wait_until="networkidle")
-            if path in ("/play", "/game"):
-                watched.page.select_option("[name=configuration]", "ScatterFlipIt")
-                watched.page.click("#setup [type=submit]")
-                watched.page.wait_for_selector(".cells button")
-            wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-            assert watched.page.evaluate(wider) <= 0, path
-            tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
-            assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
-        _assert_clean(watched, "404", "icon.svg")  # navigation may cancel the request for the icon
+def test_pages__fit_360_pixels_and_load_no_external_resources(opened, dark):
+    watched = opened(360, 740, dark=dark)
+    for path in PAGES:
+        watched.page.goto(path, wait_until="networkidle")
+        if path in ("/play", "/game"):
+            watched.page.select_option("[name=configuration]", "ScatterFlipIt")
+            watched.page.click("#setup [type=submit]")
+            watched.page.wait_for_selector(".cells button")
+        wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+        assert watched.page.evaluate(wider) <= 0, path
+        tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
+        assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
+    _assert_clean(watched, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 
 RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}"
@@ -439,27 +446,23 @@ RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'bes
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_pages__pass_axe(browser, tmp_path, runs, dark, width):
+def test_pages__pass_axe(opened, runs, dark, width):
     script = axe_script()
-    with (
-        served(tmp_path, runs=runs) as (url, _),
-        watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched,
-    ):
-        page = watched.page
-        found = []
-        for path in PAGES:
-            page.goto(path, wait_until="networkidle")
-            if path in ("/play", "/game"):
-                page.click("#setup [type=submit]")
-                page.wait_for_selector(".cells button")
-            if path == "/sentence":
-                page.click("#ask .primary")
-                page.wait_for_selector("#plan .step:has-text(': STOP')")
-            if path == "/watch":
-                page.locator("#episodes button").first.click()
-                page.wait_for_selector("#viewer .strip img")
-            found += _barriers(page, script, path)
-        assert found == []
+    page = opened(width, runs=runs, dark=dark, bypass_csp=True).page
+    found = []
+    for path in PAGES:
+        page.goto(path, wait_until="networkidle")
+        if path in ("/play", "/game"):
+            page.click("#setup [type=submit]")
+            page.wait_for_selector(".cells button")
+        if path == "/sentence":
+            page.click("#ask .primary")
+            page.wait_for_selector("#plan .step:has-text(': STOP')")
+        if path == "/watch":
+            page.locator("#episodes button").first.click()
+            page.wait_for_selector("#viewer .strip img")
+        found += _barriers(page, script, path)
+    assert found == []
 
 
 def _barriers(page, script, where):
@@ -471,35 +474,35 @@ def _barriers(page, script, where):
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_pages__pass_axe_during_and_after_interaction(browser, tmp_path, dark, width):
+def test_pages__pass_axe_during_and_after_interaction(opened, dark, width):
     """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
     script = axe_script()
-    with served(tmp_path) as (url, _), watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched:
-        page, found = watched.page, list[str]()
-        _annotate(page)
-        found += _barriers(page, script, "editor")
-        page.fill("#program", "exist(")
-        page.wait_for_selector("#program-fault:not(:empty)")
-        found += _barriers(page, script, "editor with an error")
-        page.fill("#program", scenes_of()[0].program)
-        page.click("#run")
-        page.wait_for_selector("#submit:not([disabled])")
-        found += _barriers(page, script, "editor with an agreeing program")
-        page.goto("/play")
-        page.click("#setup [type=submit]")
-        page.wait_for_selector(".cells button")
-        page.click("#stop")
-        page.click("#why summary")
-        page.wait_for_selector("#parts li")
-        found += _barriers(page, script, "end of an episode")
-        page.goto("/game")
-        page.select_option("[name=configuration]", "TowerScratch")
-        page.click("#setup [type=submit]")
-        page.wait_for_selector("#turn:text-matches('your turn')")
-        page.click("#legal")
-        _play_out(page)
-        found += _barriers(page, script, "end of a game")
-        assert found == []
+    watched = opened(width, dark=dark, bypass_csp=True)
+    page, found = watched.page, list[str]()
+    _annotate(page)
+    found += _barriers(page, script, "editor")
+    page.fill("#program", "exist(")
+    page.wait_for_selector("#program-fault:not(:empty)")
+    found += _barriers(page, script, "editor with an error")
+    page.fill("#program", scenes_of()[0].program)
+    page.click("#run")
+    page.wait_for_selector("#submit:not([disabled])")
+    found += _barriers(page, script, "editor with an agreeing program")
+    page.goto("/play")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector(".cells button")
+    page.click("#stop")
+    page.click("#why summary")
+    page.wait_for_selector("#parts li")
+    found += _barriers(page, script, "end of an episode")
+    page.goto("/game")
+    page.select_option("[name=configuration]", "TowerScratch")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#turn:text-matches('your turn')")
+    page.click("#legal")
+    _play_out(page)
+    found += _barriers(page, script, "end of a game")
+    assert found == []
 
 
 @pytest.fixture(scope="module")
@@ -513,49 +516,49 @@ def runs(tmp_path_factory):
     return place
 
 
-def test_watch__steps_through_two_recordings_by_keyboard(browser, tmp_path, runs):
-    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/watch")
-        page.wait_for_selector("#episodes button")
-        page.select_option(
-            "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
-        )
-        page.wait_for_selector("#about-title:has-text('expert')")
-        page.fill("[name=text]", "black")
-        page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
-        assert page.locator("#episodes button").count()
-        page.fill("[name=text]", "")
-        page.select_option("[name=outcome]", "wrong_stop")
-        page.wait_for_selector("#total:has-text('No episode matches')")
-        page.wait_for_selector("#viewer", state="hidden")
-        page.select_option("[name=outcome]", "success")
-        page.wait_for_selector("#episodes button")
-        page.press("#viewer", "Space")
-        page.wait_for_selector("#play[aria-label=Pause]")
-        page.press("#viewer", "Space")
-        page.wait_for_selector("#play[aria-label=Play]")
-        page.select_option("#beside", index=1)
-        page.locator("#episodes button").nth(3).click()
-        page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
-        sides = page.locator(".side")
-        assert sides.nth(0).locator(".statement").inner_text() == sides.nth(1).locator(".statement").inner_text()
-        assert sides.nth(0).locator("h3").all_inner_texts()[:2] == ["Type of action", "Likeliest actions"]
-        assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
-        assert sides.nth(0).locator(".facts:has-text('Optimal according to the expert') >> text=yes").count() == 1
-        assert page.locator(".side:nth-child(2) .heat g rect").count() > 0
-        page.keyboard.press("h")
-        assert page.locator(".heat g rect").count() == 0
-        page.keyboard.press("ArrowRight")
-        page.wait_for_selector("#step-line:has-text('Step 2')")
-        assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "End"))
-        page.keyboard.press("End")
-        page.wait_for_selector("#step-line:has-text('End')")
-        page.keyboard.press("j")
-        page.wait_for_selector("#step-line:has-text('Step 1 ')")
-        page.reload()
-        page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
-        _assert_clean(watched, "/picture")  # a reload may cancel requests
+def test_watch__steps_through_two_recordings_by_keyboard(opened, runs):
+    watched = opened(runs=runs)
+    page = watched.page
+    page.goto("/watch")
+    page.wait_for_selector("#episodes button")
+    page.select_option(
+        "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
+    )
+    page.wait_for_selector("#about-title:has-text('expert')")
+    page.fill("[name=text]", "black")
+    page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
+    assert page.locator("#episodes button").count()
+    page.fill("[name=text]", "")
+    page.select_option("[name=outcome]", "wrong_stop")
+    page.wait_for_selector("#total:has-text('No episode matches')")
+    page.wait_for_selector("#viewer", state="hidden")
+    page.select_option("[name=outcome]", "success")
+    page.wait_for_selector("#episodes button")
+    page.press("#viewer", "Space")
+    page.wait_for_selector("#play[aria-label=Pause]")
+    page.press("#viewer", "Space")
+    page.wait_for_selector("#play[aria-label=Play]")
+    page.select_option("#beside", index=1)
+    page.locator("#episodes button").nth(3).click()
+    page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
+    sides = page.locator(".side")
+    assert sides.nth(0).locator(".statement").inner_text() == sides.nth(1).locator(".statement").inner_text()
+    assert sides.nth(0).locator("h3").all_inner_texts()[:2] == ["Type of action", "Likeliest actions"]
+    assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
+    assert sides.nth(0).locator(".facts:has-text('Optimal according to the expert') >> text=yes").count() == 1
+    assert page.locator(".side:nth-child(2) .heat g rect").count() > 0
+    page.keyboard.press("h")
+    assert page.locator(".heat g rect").count() == 0
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#step-line:has-text('Step 2')")
+    assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "End"))
+    page.keyboard.press("End")
+    page.wait_for_selector("#step-line:has-text('End')")
+    page.keyboard.press("j")
+    page.wait_for_selector("#step-line:has-text('Step 1 ')")
+    page.reload()
+    page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
+    _assert_clean(watched, "/picture")  # a reload may cancel requests
 
 
 def _of_expert(title):
@@ -582,38 +585,24 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched):
     _assert_clean(watched)
 
 
-def test_watch__offers_each_agent_where_it_can_play(page):
-    pytest.importorskip("torch")
-    page.goto("/watch")
-    offered = page.eval_on_selector_all(
-        "#request optgroup", "all => all.map(each => [each.label, [...each.children].map(one => one.text)])"
-    )
-    assert {label.split(" (")[0]: set(names) for label, names in offered}["ppo-tower"] == {
-        "TowerScratch",
-        "TowerFlipIt",
-    }
-    assert page.input_value("[name=play]") == "agent:parse-and-plan TowerFlipIt"
-
-
-def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(browser, tmp_path):
+def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(opened, tmp_path):
     """A corpus of Scatter alone: Tower is shown as missing, and no agent of Tower is offered."""
     pytest.importorskip("torch")
     path = write_thin_corpus(tmp_path / "scatter.jsonl", 40)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(line for line in lines if '"tower"' not in line))
-    with served(tmp_path, corpus=str(path)) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        for address in ("/annotate", "/explore"):
-            page.goto(address)
-            assert page.inner_text("[name=appearance] option:disabled") == "tower: not in this corpus"
-        page.goto("/play")
-        page.wait_for_selector("#statement:not(:empty)")
-        configurations = page.eval_on_selector_all("[name=configuration] option", "all => all.map(one => one.text)")
-        assert configurations == ["ScatterScratch", "ScatterFlipIt"]
-        page.goto("/watch")
-        disabled = page.eval_on_selector_all("#request optgroup:disabled", "all => all.map(each => each.innerText)")
-        assert all("plays no tasks of this corpus" in text for text in disabled)
-        assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
+    page = opened(corpus=str(path)).page
+    for address in ("/annotate", "/explore"):
+        page.goto(address)
+        assert page.inner_text("[name=appearance] option:disabled") == "tower: not in this corpus"
+    page.goto("/play")
+    page.wait_for_selector("#statement:not(:empty)")
+    configurations = page.eval_on_selector_all("[name=configuration] option", "all => all.map(one => one.text)")
+    assert configurations == ["ScatterScratch", "ScatterFlipIt"]
+    page.goto("/watch")
+    disabled = page.eval_on_selector_all("#request optgroup:disabled", "all => all.map(each => each.innerText)")
+    assert all("plays no tasks of this corpus" in text for text in disabled)
+    assert len(disabled) == 3  # imitation-tower, ppo-tower, reward-model-tower
 
 
 def _play_out(page):
@@ -635,9 +624,8 @@ def _play_out(page):
     raise AssertionError("the game did not end")
 
 
-def test_beat__the_shared_address_begins_the_same_tasks_again(browser, tmp_path):
-    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched, watched_page(browser) as other:
-        page = watched.page
+def test_beat__the_shared_address_begins_the_same_tasks_again(browser, page):
+    with watched_page(browser) as other:
         page.goto("/beat?seed=7")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
         page.wait_for_selector("#episode:not([aria-busy]) .cells button")
@@ -652,20 +640,19 @@ def test_beat__the_shared_address_begins_the_same_tasks_again(browser, tmp_path)
         page.wait_for_selector("#rows tr")
 
 
-def test_explore__the_link_to_recordings_opens_one_with_the_statement(browser, tmp_path):
+def test_explore__the_link_to_recordings_opens_one_with_the_statement(opened, tmp_path):
     from tests.web.test_watch import record
 
     record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt")
     record(tmp_path / "runs" / "b", "random-legal", "TowerFlipIt")
-    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/explore/tower/dev/tower-dev-001")
-        title = page.inner_text("h1")
-        page.click("text=Watch recorded episodes with this statement")
-        page.wait_for_selector("#viewer .strip img")
-        assert page.inner_text(".side .statement") == title
-        page.goto("/watch?text=zyxwv")
-        page.wait_for_selector("#messages:has-text('No recording has an episode with “zyxwv”.')")
+    page = opened(runs=tmp_path / "runs").page
+    page.goto("/explore/tower/dev/tower-dev-001")
+    title = page.inner_text("h1")
+    page.click("text=Watch recorded episodes with this statement")
+    page.wait_for_selector("#viewer .strip img")
+    assert page.inner_text(".side .statement") == title
+    page.goto("/watch?text=zyxwv")
+    page.wait_for_selector("#messages:has-text('No recording has an episode with “zyxwv”.')")
 
 
 def test_play__keys_act_beside_the_experts_solution_and_arrows_enter_the_board(page):
@@ -863,28 +850,27 @@ def test_game__an_illegal_edit_is_refused_with_its_reason(page):
     page.wait_for_selector("#messages:has-text('there is no block to remove')")
 
 
-def test_beat__the_address_names_the_opponent(browser, tmp_path):
+def test_beat__the_address_names_the_opponent(watched):
     pytest.importorskip("torch")
-    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/beat?seed=7&agent=agent:imitation-tower")
-        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
-        assert page.input_value("#setup [name=agent]") == "agent:imitation-tower"
-        assert "agent=agent%3Aimitation-tower" in page.url
-        page.select_option("#setup [name=agent]", "agent:ppo-tower")
-        page.wait_for_url("**agent=agent%3Appo-tower")
-        _assert_clean(watched)
+    page = watched.page
+    page.goto("/beat?seed=7&agent=agent:imitation-tower")
+    page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+    assert page.input_value("#setup [name=agent]") == "agent:imitation-tower"
+    assert "agent=agent%3Aimitation-tower" in page.url
+    page.select_option("#setup [name=agent]", "agent:ppo-tower")
+    page.wait_for_url("**agent=agent%3Appo-tower")
+    _assert_clean(watched)
 
 
-def test_statement_without_a_program__is_explored_and_annotated(browser, tmp_path):
+def test_statement_without_a_program__is_explored_and_annotated(opened, tmp_path):
     blue, pair, _ = small_entries()
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
     options = {"corpus": str(tmp_path / "open.jsonl")}
-    with served(tmp_path, **options) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/explore/tower/train/blue")
-        page.wait_for_selector("article:has-text('The statement is true here.')")
-        page.click("text=None yet, so it is not played: write one")
-        page.wait_for_selector("#scenes figure:has-text('Here the statement is true.')")
-        assert page.inner_text("#statement") == "Blue is here."
-        _assert_clean(watched)
+    watched = opened(**options)
+    page = watched.page
+    page.goto("/explore/tower/train/blue")
+    page.wait_for_selector("article:has-text('The statement is true here.')")
+    page.click("text=None yet, so it is not played: write one")
+    page.wait_for_selector("#scenes figure:has-text('Here the statement is true.')")
+    assert page.inner_text("#statement") == "Blue is here."
+    _assert_clean(watched)

@@ -35,7 +35,7 @@ def record(directory, name, configuration="TowerFlipIt", *, corpus="builtin", de
 def runs(tmp_path_factory):
     """Recordings of two policies on the same tasks, of another configuration, and one without decisions."""
     place = tmp_path_factory.mktemp("runs")
-    thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 10))
+    thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 30))
     record(place / "tower", "random-legal", corpus=thin)
     record(place / "tower", "expert", corpus=thin)
     record(place / "scatter", "random-legal", "ScatterFlipIt", corpus=thin)

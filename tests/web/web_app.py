@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 import pytest
 
-pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
-pytest.importorskip("httpx", reason="tests of the web application need httpx")
+pytest.importorskip("fastapi")
+pytest.importorskip("httpx")
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # Starlette deprecates httpx in favour of a successor

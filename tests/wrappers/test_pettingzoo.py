@@ -10,7 +10,7 @@ import pytest
 from lilgym_mp import wrappers
 from lilgym_mp.wrappers import WrongEnvironment
 
-pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+pytest.importorskip("pettingzoo")
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own
     from pettingzoo.test import api_test, parallel_api_test

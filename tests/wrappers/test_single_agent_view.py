@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+pytest.importorskip("pettingzoo")
 
 
 from lilgym_mp.envs.proposer_verifier import (

@@ -1,16 +1,12 @@
 """A small game for the tests, with one task."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
 from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays, GameState
-from lilgym_mp.envs.proposer_verifier.rewards import Judgement
-from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
@@ -53,18 +49,8 @@ def game(**settings):
     return Game(GameSettings.of(settings)).with_tasks(TASKS)
 
 
-class Step(NamedTuple):
-    """One turn of a game. Pairs are by Role."""
-
-    state: GameState
-    movers: tuple[Role, ...]
-    messages: tuple[int, ...]  # the last of each agent
-    rewards: tuple[float, ...]
-    terminated: bool
-    truncated: bool
-    outcome: Outcome | None  # None if the MDP took no step
-    illegal: tuple[bool, ...]
-    judgement: Judgement | None
+# One turn of a game. Pairs are by Role; the outcome is None if the MDP took no step.
+Step = namedtuple("Step", "state movers messages rewards terminated truncated outcome illegal judgement")
 
 
 class OneGame:

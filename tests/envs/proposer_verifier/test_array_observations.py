@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("pettingzoo", reason="needs the extra pettingzoo")
+pytest.importorskip("pettingzoo")
 from gymnasium.spaces.utils import flatten
 from pettingzoo.test import api_test, parallel_api_test
 

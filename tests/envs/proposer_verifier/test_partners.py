@@ -53,9 +53,8 @@ CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
         (SCRIPTED["always_reject"], (0.0, 0.0)),
     ],
 )
-@pytest.mark.parametrize("protocol", ["audit", "critique"])
-def test_scripted_verifiers__accept_true_and_false_claims(protocol, verifier, rates):
-    game = env(protocol=protocol, start="flipit", rewards="hidden")
+def test_scripted_verifiers__accept_true_and_false_claims(verifier, rates):
+    game = env(protocol="audit", start="flipit", rewards="hidden")
     measured = measure(game, CLAIMING, verifier, tasks=some_tasks(game))
     assert (measured.true_accept_rate, measured.false_accept_rate) == rates
 

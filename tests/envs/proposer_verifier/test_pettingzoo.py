@@ -32,7 +32,7 @@ from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW, WAI
 from tests.scenes import B, Y, circle, scene, tower
 
 PROPOSER, VERIFIER = AGENTS
-CYCLES = 25
+CYCLES = 12
 FORMS = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
 GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
 OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))

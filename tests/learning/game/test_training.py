@@ -25,7 +25,6 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.learner import LEARNER
-from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import RolloutPlayer
 from lilgym_mp.learning.game.training import GameRun, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
@@ -33,11 +32,9 @@ from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
 from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.json_files import read_json, read_json_lines
+from tests.learning.conftest import SMALL_GAME as SMALL
 from tests.learning.conftest import equal, weights
 
-SMALL = GameRecipe(
-    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
-)
 LEARNING = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
 INDEPENDENT = replace(SMALL, algorithm="independent")
 JOINT = GameSettings(protocol="joint")
@@ -90,7 +87,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path, three):
     ],
 )
 def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, protocol, rewards, changes):
-    changes = {"configuration": "TowerFlipIt", **changes}
+    changes = {"configuration": "TowerFlipIt", "horizon": 4, **changes}
     settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
@@ -106,7 +103,7 @@ def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, p
         measure(parallel_env(protocol="audit" if protocol != "audit" else "veto", split="dev"), *players)
 
 
-@pytest.mark.parametrize("protocol", ["joint", "critique"])
+@pytest.mark.parametrize("protocol", ["joint", pytest.param("critique", marks=pytest.mark.long)])
 def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monkeypatch):
     found = []
     play = RolloutPlayer.play
@@ -135,16 +132,16 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
-    trained(tmp_path / "whole", 256, INDEPENDENT)
+    trained(tmp_path / "whole", 128, INDEPENDENT)
 
     def interrupt(progress):
-        if progress.steps == 128:
+        if progress.steps == 64:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 256, INDEPENDENT, on_progress=interrupt)
+        trained(tmp_path / "cut", 128, INDEPENDENT, on_progress=interrupt)
     details = open_agent(tmp_path / "cut").description.details
-    assert (details["steps"], details["interrupted"]) == (128, True)
+    assert (details["steps"], details["interrupted"]) == (64, True)
     assert lilgym("train game --resume --out", tmp_path / "cut") == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
 

@@ -22,15 +22,12 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn
 from lilgym_mp.envs.proposer_verifier.rewards import TERMS
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
 from tests.command_line import succeeds
 from tests.json_files import read_json
+from tests.learning.conftest import SMALL_GAME as SMALL
 
-SMALL = GameRecipe(
-    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
-)
 INDEPENDENT = replace(SMALL, algorithm="independent")
 GUIDED = GameSettings(protocol="critique", views="guide")
 EYES_SHUT = View(statement="none", target=False)
@@ -77,7 +74,7 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path, algorithm)
     assert not torch.allclose(logits[Role.VERIFIER], logits[Role.VERIFIER][:1], atol=1e-6)
 
 
-@pytest.mark.parametrize("algorithm", ["independent", "shared"])
+@pytest.mark.parametrize("algorithm", ["independent", pytest.param("shared", marks=pytest.mark.long)])
 def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path, algorithm):
     recipe = replace(SMALL, algorithm=algorithm, critic="central")
     run = GameRun(GUIDED, recipe, tmp_path / "run", steps=128)
@@ -119,7 +116,7 @@ def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path):
         parallel_env(protocol="critique", views=views, split="dev", message_size={"proposer_0": 0, "verifier_0": 13})
         for views in ("guide", "structured")
     )
-    tasks = own.tasks.ids[:20]
+    tasks = own.tasks.ids[:6]
     assert measure(own, *players, tasks=tasks) == measure(other, *players, tasks=tasks)
 
 

@@ -27,6 +27,7 @@ def train(statements, name, out, updates=UPDATES, **changes):
     return train_imitation(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
 
+@pytest.mark.long
 def test_training__solves_three_statements_in_seconds(statements, tmp_path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
     assert accuracy(agent, settings) == 1

@@ -164,6 +164,7 @@ def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(shares
 LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
 
 
+@pytest.mark.long
 def test_training__solves_a_small_corpus(own, tmp_path):
     agent = train_parser(own, LEARNING, tmp_path / "run", device="cpu")
     assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") == 1.0

@@ -1,4 +1,4 @@
-"""Factored policies, compared with brute-force enumeration of all actions."""
+"""Factored policies: hand-written examples, and brute-force enumeration of all actions."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from lilgym_mp.learning.common.factored_policy import (
     log_prob_and_entropy,
     slot_factorisation,
 )
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Scatter, Tower
 
@@ -50,57 +49,49 @@ def kinds_of(appearance):
     return np.array([appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)])
 
 
-def by_slot(appearance, types, heads):
-    """(states, actions) probabilities of slot heads, computed action by action from the released arrays."""
-    kinds, arguments = types.softmax(1), [head.softmax(1) for head in heads]
-    columns = []
-    for index in range(appearance.action_count):
-        kind, *slots = appearance.to_array(appearance.decode(index))
-        product = kinds[:, kind]
-        for slot, head in zip(slots, arguments, strict=True):
-            product = product * head[:, slot] if slot >= 0 else product
-        columns.append(product)
-    return torch.stack(columns, 1)
+def enumerated(factorisation, types, heads):
+    """(states, actions) probabilities."""
+    return FactoredPolicy(factorisation, types, heads).joint_log_probs().exp()
 
 
-def by_edit(appearance, types, heads):
-    """The same for joint heads; edits are ordered by box, cell row, cell column and item type."""
-    kinds, (adds, removes) = types.softmax(1), (head.softmax(1) for head in heads)
-    columns = [kinds[:, 0] * 0] * appearance.action_count
-    columns[0] = kinds[:, ActionType.STOP]
-    for kind, found in ((ActionType.ADD, adds), (ActionType.REMOVE, removes)):
-        edits = sorted(
-            (place(appearance, array), index)
-            for index in range(appearance.action_count)
-            if (array := appearance.to_array(appearance.decode(index)))[0] == kind and place(appearance, array)
-        )
-        assert len(edits) == found.shape[1]
-        for rank, (_, index) in enumerate(edits):
-            columns[index] = kinds[:, kind] * found[:, rank]
-    return torch.stack(columns, 1)
+# Actions as released arrays, and the choices that they make, by head: slots, or places among all ADDs and all REMOVEs,
+# which are ordered by box, cell row, cell column and item type.
+EXAMPLES = """
+tower   slot  0 -1 -1          |
+tower   slot  1 2 0            | 0:2 1:0
+tower   slot  2 1 -1           | 0:1
+tower   joint 0 -1 -1          |
+tower   joint 1 2 1            | 0:7
+tower   joint 2 1 -1           | 1:1
+scatter slot  1 18 4 2 1 0     | 0:18 1:4 2:2 3:1 4:0
+scatter slot  2 7 0 -1 -1 -1   | 0:7 1:0
+scatter joint 0 -1 -1 -1 -1 -1 |
+scatter joint 1 8 3 2 1 0      | 0:1128
+scatter joint 2 18 4 -1 -1 -1  | 1:74
+"""
+NAMED = {"tower": Tower(), "scatter": Scatter(), "slot": slot_factorisation, "joint": joint_factorisation}
 
 
-def place(appearance, array):
-    """The sort key of an edit; empty on a separator."""
-    if appearance.name == "tower":
-        return tuple(array[1:])
-    _, x, y, *item_type = array
-    x_px = 20 * x
-    return () if x_px % BOX_PITCH >= BOX_SIDE else (x_px // BOX_PITCH, y, x_px % BOX_PITCH, *item_type)
-
-
-ENUMERATED = {slot_factorisation: by_slot, joint_factorisation: by_edit}
+@pytest.mark.parametrize("line", EXAMPLES.strip().splitlines())
+def test_policy__the_probability_of_an_action_is_that_of_its_type_times_those_of_its_choices(line):
+    (name, form, *array), choices = map(str.split, line.split("|"))
+    factorisation, array = NAMED[form](NAMED[name]), [*map(int, array)]
+    types, heads = logits(factorisation)
+    wanted = types.softmax(1)[:, array[0]]
+    for head, choice in (map(int, each.split(":")) for each in choices):
+        wanted = wanted * heads[head].softmax(1)[:, choice]
+    index = NAMED[name].encode(NAMED[name].from_array(array))
+    torch.testing.assert_close(enumerated(factorisation, types, heads)[:, index], wanted)
 
 
 @EACH
 def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
-    every = ENUMERATED[make](appearance, types, heads)
+    every = enumerated(factorisation, types, heads)
     assert every.shape == (STATES, {"tower": 13, "scatter": 2661}[appearance.name])
     torch.testing.assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
     policy = FactoredPolicy(factorisation, types, heads)
-    torch.testing.assert_close(policy.joint_log_probs().exp(), every)
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
     actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
@@ -127,7 +118,7 @@ def test_log_prob_and_entropy__match_autograd_over_several_chunks():
 def test_mask__renormalises_over_legal_actions(appearance, make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
-    every = ENUMERATED[make](appearance, types, heads).detach()
+    every = enumerated(factorisation, types, heads).detach()
     legal = torch.from_numpy(np.random.default_rng(2).random(every.shape) < 0.2)
     legal[:, 0] = True
     policy = FactoredPolicy(factorisation, types, heads, legal)
@@ -147,7 +138,7 @@ def test_sample__frequencies_match_probabilities(appearance, make):
     many = 20_000
     repeated = [logit[:1].expand(many, -1) for logit in (types, *heads)]
     drawn = FactoredPolicy(factorisation, repeated[0], repeated[1:]).sample(np.random.default_rng(0))
-    every = ENUMERATED[make](appearance, types, heads).detach()[0].numpy()
+    every = enumerated(factorisation, types, heads).detach()[0].numpy()
     shares = np.bincount(drawn, minlength=len(every)) / many
     assert shares[every == 0].sum() == 0
     assert np.abs(shares - every).max() < 5 * np.sqrt(every.max() / many)
@@ -161,7 +152,7 @@ def test_greedy__is_the_most_probable_type_with_its_most_probable_arguments(appe
     factorisation = make(appearance)
     types, heads = logits(factorisation)
     chosen = FactoredPolicy(factorisation, types, heads).greedy()
-    every = ENUMERATED[make](appearance, types, heads).detach().numpy()
+    every = enumerated(factorisation, types, heads).detach().numpy()
     kinds = kinds_of(appearance)
     for state in range(STATES):
         best = int(types[state].argmax())

@@ -167,7 +167,7 @@ def write_tokenizer(place):
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """Weight directories of tiny random networks, by architecture."""
-    transformers = pytest.importorskip("transformers", reason="transformers is not installed: the extra `transformers`")
+    transformers = pytest.importorskip("transformers")
     torch.manual_seed(0)
     size = len(VOCABULARY)
     vision = {**TINY, "image_size": 32, "patch_size": 16}

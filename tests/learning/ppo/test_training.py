@@ -30,12 +30,10 @@ from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Tower
 from tests.corpora import write_own_corpus, write_three_statements
 from tests.json_files import read_json, read_json_lines
+from tests.learning.conftest import SMALL_PPO as SMALL
 from tests.learning.conftest import equal, weights
 
 TOWER = Settings("TowerScratch")
-SMALL = PPORecipe(
-    envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, held_out=0, recolour=False, empty_starts=0
-)
 
 NLVR = replace(SMALL, nlvr_reward=True)
 
@@ -72,6 +70,7 @@ def accuracy(path, corpus):
     return fmean(episode.is_success for episode in episodes)
 
 
+@pytest.mark.long
 def test_train__solves_three_statements(tmp_path, three):
     assert accuracy(tmp_path, three) > 0.85
 

@@ -1,9 +1,7 @@
 """Advantages and losses, compared with hand calculations."""
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -55,14 +53,9 @@ def test_weighed__normalised_is_centred_and_scaled_keeps_signs():
     assert scale_advantages(some, "scaled").std() == pytest.approx(1, rel=1e-5)
 
 
-class FixedPolicy(NamedTuple):
+def fixed_policy(*given):
     """A policy with given log-probabilities and entropies."""
-
-    log_probabilities: torch.Tensor
-    entropies: torch.Tensor
-
-    def evaluate_actions(self, actions):
-        return self.log_probabilities, self.entropies
+    return SimpleNamespace(evaluate_actions=lambda actions: given)
 
 
 def loss_of(ratio, advantage, *, capped, cap=3.0):
@@ -104,7 +97,7 @@ def test_losses__cap_only_forced_stops_unless_the_recipe_caps_all(every, wanted)
     now = torch.full((2,), math.log(100), requires_grad=True)
     zeros = torch.zeros(2)
     old = Transitions(zeros, zeros, zeros, torch.full((2,), -1.0), zeros, torch.tensor([True, False]))
-    losses(recipe, FixedPolicy(now, zeros), zeros, old, 0.0).total.backward()
+    losses(recipe, fixed_policy(now, zeros), zeros, old, 0.0).total.backward()
     assert now.grad.tolist() == pytest.approx(wanted)
 
 
@@ -112,7 +105,7 @@ def test_losses__entropy_is_weighted_by_its_coefficient():
     zeros = torch.zeros(2)
     entropies = torch.tensor([1.0, 3.0], requires_grad=True)
     old = Transitions(zeros, zeros, zeros, zeros, zeros, torch.zeros(2, dtype=torch.bool))
-    found = losses(PPORecipe(), FixedPolicy(zeros, entropies), zeros, old, 0.25)
+    found = losses(PPORecipe(), fixed_policy(zeros, entropies), zeros, old, 0.25)
     found.total.backward()
     assert found.total.item() == pytest.approx(-0.5)
     assert entropies.grad.tolist() == pytest.approx([-0.125, -0.125])

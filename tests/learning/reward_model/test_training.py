@@ -29,7 +29,8 @@ def train(statements, name, out, updates=UPDATES, **changes):
     return train_reward_model(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
 
-@pytest.mark.parametrize("name", ["TowerFlipIt", pytest.param("ScatterFlipIt", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_training__solves_three_statements_in_seconds(statements, tmp_path, name):
     agent, settings = train(statements, name, tmp_path / "run")
     assert accuracy(agent, settings) == 1
@@ -43,7 +44,7 @@ def labelled_entry(settings, stops=60):
     return entry, collector
 
 
-@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+@pytest.mark.parametrize("name", ["TowerFlipIt", pytest.param("ScatterFlipIt", marks=pytest.mark.long)])
 def test_training__reads_truths_only_from_counted_stops(statements, tmp_path, name):
     settings = Settings(name, corpus=statements)
     settings.make("train")
@@ -56,7 +57,7 @@ def test_training__reads_truths_only_from_counted_stops(statements, tmp_path, na
 def test_package__imports_neither_programs_nor_the_expert():
     directory = Path(reward_model.__file__).parent
     for file in directory.glob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in ast.walk(ast.parse(file.read_text())):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             for name in names:
@@ -103,8 +104,8 @@ def test_equal_arguments__train_equal_agents(statements, tmp_path):
 
 def test_training__survives_a_search_that_begins_a_new_box_table(statements, tmp_path, monkeypatch):
     monkeypatch.setattr("lilgym_mp.learning.reward_model.features.MOST_BOXES", 50)
-    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 6, reuse=1, searching=1.0)
-    assert agent.description.details["labels"] == 6 * 3 * 32
+    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 2, reuse=1, searching=1.0)
+    assert agent.description.details["labels"] == 2 * 3 * 32
 
 
 def test_interrupted_run__is_resumed(statements, tmp_path, monkeypatch):
