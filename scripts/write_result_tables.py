@@ -9,8 +9,9 @@ the order of the file, the number of its episodes that succeeded. Which statemen
 official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
-`paper` and `paper-sf` are C3+BERT with the paper's recipe, whose table is in docs/training.md. `--runs`
-writes commit, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which knows them by name.
+`paper` and `paper-sf` are C3+BERT with the paper's recipe, whose table is in docs/training.md, `tested` the agents of
+docs/test_split.md. `--runs` writes commit, CPU minutes, budget and digest of an experiment's finished runs into
+runs.csv, which knows them by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
@@ -219,7 +220,7 @@ def runs_by_row() -> dict[tuple[str, str], list[Any]]:
 def paper_cells() -> Iterator[str]:
     """The cells of docs/training.md for each run with the paper's recipe: accuracy with sampled and greedy actions."""
     all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
-    for runs in grouped((each.run, each) for each in all_outcomes if not each.row.isdigit()).values():
+    for runs in grouped((each.run, each) for each in all_outcomes if each.row.startswith("paper")).values():
         of_mode = {each.actions: accuracy_where([each.recording()]) for each in runs}
         yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
 

@@ -1,11 +1,19 @@
 """README's accuracies are those of the pages that have them with their commands."""
 
+import csv
 import re
-from statistics import fmean
 
 import pytest
 
+from lilgym_mp.envs.registration import BUILTIN_CONFIGURATIONS
 from tests.scripts import ROOT
+
+TESTED = {  # runs with seed 0; rows of docs/test_split.md
+    "ppo": "PPO with stop forcing, 1.5 million steps",
+    "sb3": "MaskablePPO of SB3, 1.5 million steps",
+    "parse-and-plan-0": "parse and plan, 6,000 updates",
+    "parse-and-plan": "parse and plan, included",
+}
 
 RESULTS = ("docs/results.md", "**Table 2.")
 SUMMARISED = {  # a row of README's table; the place, and the row, of the same agent on dev and on test
@@ -34,22 +42,28 @@ def row(page, after, name):
 @pytest.mark.parametrize("name", SUMMARISED)
 def test_readme__has_the_accuracies_of_the_pages(name):
     dev, on_test = SUMMARISED[name]
-    shown = [cell.partition("/") for cell in row("README.md", "## Results", name)]
-    if dev is not None:
-        assert [cell[0].strip(" ⁵") for cell in shown] == row(*dev)
-    if on_test is not None:
-        tested = row("docs/test_split.md", "Start scenes:", on_test)
-        assert [cell[2].strip() for cell in shown] == tested
+    shown = row("README.md", "## Results", name)
+    tested = row("docs/test_split.md", "Start scenes of test:", on_test) if on_test else [""] * 4
+    means = row(*dev) if dev else [cell.partition(" /")[0] for cell in shown]
+    for cell, mean, pair in zip(shown, means, tested, strict=True):
+        alone = f"{mean} / {pair}" if pair else mean
+        assert cell.strip(" ⁵") == (pair if " / " in pair else alone)
+
+
+def test_test_split__dev_is_of_the_outcomes_of_the_tested_agents():
+    with (ROOT / "docs/results/outcomes.csv").open() as file:
+        found = [each for each in csv.DictReader(file) if each["row"] == "tested" and each["actions"] != "sampled"]
+    assert found
+    for each in found:
+        share = sum(map(int, each["successes"])) / int(each["episodes"]) / len(each["successes"])
+        name = next(name for run, name in TESTED.items() if each["run"].startswith(run))
+        cell = row("docs/test_split.md", "Start scenes of test:", name)[
+            BUILTIN_CONFIGURATIONS.index(each["configuration"])
+        ]
+        assert cell.partition(" / ")[0] in (f"{100 * share:.1f}", ""), each["run"]
 
 
 def test_readme__has_the_reward_models_accuracies_on_dev():
     page = (ROOT / "docs/reward_model.md").read_text()
     for cell in row("README.md", "## Results", "reward model, search ⁷"):
         assert f"| {cell.partition(' ')[0]} ± " in page
-
-
-def test_readme__has_the_mean_of_the_greedy_accuracies_in_sb3():
-    seeds = row("docs/stable_baselines3.md", "| recipe, TowerScratch |", "recipe, TowerScratch")
-    greedy = [float(cell.partition(" ")[0]) for cell in seeds[-3:]]
-    shown = row("README.md", "## Results", "the same in Stable-Baselines3 ³")
-    assert shown[0].startswith(f"{fmean(greedy):.1f} / ")

@@ -29,7 +29,7 @@ ASKED_FOR = {
     ("envs/shared_memory.py", "memfd_create"),
     ("envs/shared_memory.py", "sysconf"),
     ("envs/workers.py", "register_at_fork"),
-    ("learning/common/run_directory.py", "fcntl"),
+    ("evaluation/files.py", "fcntl"),
 }
 
 
