@@ -1,4 +1,4 @@
-"""Prints the size of the code, by package, and how many lines a few uses load.
+"""Prints the size of the code, by package, and how much of it a few uses load.
 
 `python scripts/print_closures.py [NAME ...]`: with names of USES, prints these alone. Sizes are in syntax nodes, which,
 unlike lines, do not depend on the layout of the code.
@@ -31,20 +31,19 @@ USES = {
         " + ['--out', folder.name])"
     ),
 }
-COUNT = """
-import os, sys
+SHOW = """
+import sys
 files = {getattr(module, "__file__", None) for name, module in sys.modules.items() if name.split(".")[0] == "lilgym_mp"}
-files = {os.path.realpath(file) for file in files if file and file.endswith(".py")}
-print(sum(len(open(file, encoding="utf-8").readlines()) for file in files), len(files))
+print(*filter(None, files), sep=chr(10))
 """
 
 
-def closure(use: str) -> tuple[int, int]:
-    """The lines and the number of the package's modules that a fresh process has imported after one of USES."""
-    code = f"{USES[use]}\n{COUNT}"
-    done = subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.PIPE, text=True)
-    lines, modules = done.stdout.splitlines()[-1].split()
-    return int(lines), int(modules)
+def closure(use: str) -> set[Path]:
+    """The package's modules that a fresh process has imported after one of USES."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{USES[use]}\nprint()\n{SHOW}"], check=True, stdout=subprocess.PIPE, text=True
+    )
+    return {Path(line).resolve() for line in done.stdout.rpartition("\n\n")[2].splitlines() if line.endswith(".py")}
 
 
 def python_files(*folders: str) -> Iterator[Path]:
@@ -96,5 +95,5 @@ if __name__ == "__main__":
             print(f"{name:20} {nodes(paths):8,} {lines(paths):8,} {functions(paths):10,}")
         print(f"JavaScript, CSS and HTML: {page_lines():,} lines; TOML in data: {data_lines():,} lines")
     for name in sys.argv[1:] or USES:
-        loaded, modules = closure(name)
-        print(f"{name}: {loaded:,} lines in {modules} modules")
+        modules = closure(name)
+        print(f"{name}: {nodes(modules):,} nodes, {lines(modules):,} lines in {len(modules)} modules")

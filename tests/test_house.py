@@ -28,7 +28,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
-PACKAGE_NODES, TEST_NODES = 384_100, 197_800  # most syntax nodes; lower them as code goes
+PACKAGE_NODES, TEST_NODES = 384_100, 197_900  # most syntax nodes; lower them as code goes
 PAGE_AND_DATA_LINES = 2_130 + 1_774  # most lines of JavaScript, CSS and HTML, and of TOML in data
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 WITHOUT_NUMBA = """
@@ -207,14 +207,14 @@ def test_core__plays_without_docstrings():
 @pytest.mark.parametrize(
     ("use", "limit"),
     [
-        ("scatter", 6_130),
-        pytest.param("ppo", 13_700, marks=pytest.mark.long),
-        pytest.param("train ppo", 14_470, marks=pytest.mark.long),
+        ("scatter", 38_300),
+        pytest.param("ppo", 93_300, marks=pytest.mark.long),
+        pytest.param("train ppo", 99_300, marks=pytest.mark.long),
     ],
 )
-def test_package__loads_few_lines_for_a_use(use, limit):
-    lines, _ = load_script("print_closures").closure(use)
-    assert lines <= limit
+def test_package__loads_little_code_for_a_use(use, limit):
+    sizes = load_script("print_closures")
+    assert sizes.nodes(sizes.closure(use)) <= limit
 
 
 @pytest.mark.long
