@@ -21,7 +21,8 @@ from lilgym_mp.contrib.report.charts import new_figure, save
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "lilgym_mp"
 OUTSIDE = {"wrappers": ROOT / "wrappers", "data": ROOT / "data"}  # parts outside the package directory
-WIDTH, ROW_HEIGHT = 1000, 90  # pixels
+WIDTH, ROW_HEIGHT = 1000, 75  # pixels
+ASIDE = -0.12  # of the width: layers of one part stand left of the middle, where arrows between other layers pass
 
 
 def layers() -> list[list[str]]:
@@ -67,28 +68,28 @@ def draw() -> Any:
     figure = new_figure(WIDTH, ROW_HEIGHT * len(rows))
     axes: Any = figure.subplots()
     axes.set_axis_off()
-    positions: dict[str, tuple[float, float]] = {}
-    for level, row in enumerate(rows):
-        positions |= {part: ((column + 1) / (len(row) + 1), -level) for column, part in enumerate(row)}
-    below = {part: {other for other, (_, y) in positions.items() if y <= positions[part][1]} for part in positions}
-    imports = {part: imported(part) & (below[part] - set(rows[-1])) for part in positions}
-    for part, (x, y) in positions.items():
-        implied = set().union(*(dependencies(between, imports) for between in imports[part]))
-        for other in sorted(imports[part] - implied):
-            bend = "arc3,rad=0.2" if positions[other][1] == y else "arc3"
-            arrow = {"arrowstyle": "->", "color": "#8aa0bf", "shrinkB": 14, "connectionstyle": bend}
-            axes.annotate("", xy=positions[other], xytext=(x, y), arrowprops=arrow)
-        lines = sum(len(path.read_text().splitlines()) for path in sources(part))
-        axes.text(
-            x,
-            y,
-            f"{part} {round(lines / 1000) or '<1'}",
-            ha="center",
-            va="center",
-            bbox={"boxstyle": "round", "facecolor": "#e8eef7"},
-        )
     axes.set_xlim(0, 1)
     axes.set_ylim(0.5 - len(rows), 0.5)
+    positions: dict[str, tuple[float, float]] = {}
+    for level, row in enumerate(rows):
+        aside = ASIDE if len(row) == 1 else 0.0
+        positions |= {part: ((column + 1) / (len(row) + 1) + aside, -level) for column, part in enumerate(row)}
+    boxes: dict[str, Any] = {}
+    for part, (x, y) in positions.items():
+        lines = sum(len(path.read_text().splitlines()) for path in sources(part))
+        label = f"{part} {round(lines / 1000) or '<1'}"
+        box = {"boxstyle": "round", "facecolor": "#e8eef7"}
+        boxes[part] = axes.text(x, y, label, ha="center", va="center", bbox=box).get_bbox_patch()
+    figure.draw_without_rendering()  # places the boxes, at which arrows end
+    below = {part: {other for other, (_, y) in positions.items() if y <= positions[part][1]} for part in positions}
+    imports = {part: imported(part) & (below[part] - set(rows[-1])) for part in positions}
+    for part, place in positions.items():
+        implied = set().union(*(dependencies(between, imports) for between in imports[part]))
+        for other in sorted(imports[part] - implied):
+            bend = "arc3,rad=0.2" if positions[other][1] == place[1] else "arc3"
+            arrow = {"arrowstyle": "->", "color": "#8aa0bf", "connectionstyle": bend}
+            ends = {"patchA": boxes[part], "patchB": boxes[other], "shrinkA": 0, "shrinkB": 2}
+            axes.annotate("", xy=positions[other], xytext=place, arrowprops={**arrow, **ends})
     return figure
 
 
