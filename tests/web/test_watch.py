@@ -234,7 +234,7 @@ def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path
     assert ("ppo-tower", "TowerFlipIt") in offered
     assert ("ppo-tower", "ScatterFlipIt") not in offered
     assert ("imitation-scatter", "ScatterScratch") in offered
-    assert ">ppo-tower: TowerFlipIt<" in page, "the closed menu shows the agent too"
+    assert ">ppo-tower (included): TowerFlipIt<" in page, "the closed menu shows the agent too"
 
 
 def test_film__of_an_episode_is_a_gif_with_a_frame_for_each_action(browser):
