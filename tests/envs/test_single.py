@@ -314,3 +314,9 @@ def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatc
     env = make(TOWER, render_mode="human")
     with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "pygame>=.*the extra human'):
         env.reset(seed=0)
+
+
+def test_settings__a_missing_official_corpus_is_refused_with_instructions(tmp_path, monkeypatch):
+    monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(ValueError, match=r"the official corpus was not found.*LILGYM_DATA"):
+        make(TOWER, corpus="lilgym")

@@ -585,6 +585,15 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched):
     _assert_clean(watched)
 
 
+def test_watch__offers_each_agent_where_it_can_play(page):
+    pytest.importorskip("torch")
+    page.goto("/watch")
+    offered = page.locator("#request option").all_inner_texts()
+    own = {text.partition(": ")[2] for text in offered if text.startswith("ppo-tower ")}
+    assert own == {"TowerScratch", "TowerFlipIt"}
+    assert page.input_value("[name=play]") == "agent:parse-and-plan TowerFlipIt"
+
+
 def test_menus__with_a_corpus_of_another_appearance_say_what_cannot_be_played(opened, tmp_path):
     """A corpus of Scatter alone: Tower is shown as missing, and no agent of Tower is offered."""
     pytest.importorskip("torch")
