@@ -39,6 +39,12 @@ def own(tmp_path_factory):
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leaves the pictures of reports empty, as drawing is slow."""
+    monkeypatch.setattr("lilgym_mp.contrib.report.writing.save", lambda figure, path, kind: path.write_bytes(b""))
+
+
 @pytest.fixture(scope="session")
 def golden():
     """The directory of golden recordings; skips if LILGYM_GOLDEN is unset."""

@@ -101,15 +101,15 @@ THREE_STATEMENTS = {
 }
 
 
+def write_statements(path, *statements):
+    """Writes Tower statements without start scenes: split, text and program of t0, t1, ...; returns the path."""
+    write_corpus(path, "own", "MIT", [entry(f"t{index}", "tower", *each) for index, each in enumerate(statements)])
+    return path
+
+
 def write_three_statements(path):
     """Writes three statements without start scenes, the same in train and dev, and returns the path."""
-    entries = [
-        entry(f"{split}-{index}", "tower", split, statement, program)
-        for split in ("train", "dev")
-        for index, (statement, program) in enumerate(THREE_STATEMENTS.items())
-    ]
-    write_corpus(path, "three", "MIT", entries)
-    return path
+    return write_statements(path, *((split, *each) for split in ("train", "dev") for each in THREE_STATEMENTS.items()))
 
 
 SPLITS = ("train", "dev", "test")

@@ -1,24 +1,19 @@
 """`lilgym-mp evaluate`: items beside totals, why the expert fails, and which statements count as seen."""
 
-from lilgym_mp.corpus import load_tasks, write_corpus
+from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.results import training_statements
 from tests.command_line import output_of, succeeds
-from tests.corpora import entry
+from tests.corpora import write_statements
 from tests.json_files import read_json
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 NEVER = f"{BLUE} and not {BLUE}"
 
 
-def write_entries(path, *entries):
-    write_corpus(path, "own", "CC0-1.0", [entry(f"t{index}", "tower", *told) for index, told in enumerate(entries)])
-    return str(path)
-
-
 def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsys):
-    corpus = write_entries(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
+    corpus = write_statements(tmp_path / "own.jsonl", ("dev", "A blue block.", BLUE), ("dev", "It never is.", NEVER))
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --out"
     assert "expert, TowerScratch: 1 tasks failed: " in output_of(capsys, command, tmp_path / "out.json")
     (row,) = read_json(tmp_path / "out.json")["results"]
@@ -29,8 +24,8 @@ def test_out__has_every_episode_and_the_expert_says_why_it_fails(tmp_path, capsy
 
 def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
     known = next(iter(load_tasks("builtin", "tower", "scratch", "train")))
-    entries = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
-    corpus = write_entries(tmp_path / "own.jsonl", *entries)
+    statements = ("dev", known.statement, known.program), ("dev", "Hm.", NEVER)
+    corpus = write_statements(tmp_path / "own.jsonl", *statements)
     succeeds(f"evaluate parse-and-plan --parses --corpus {corpus} --out", tmp_path / "out.json")
     (written,) = read_json(tmp_path / "out.json").values()
     assert written["totals"][0]["statements"] == 2
@@ -42,8 +37,8 @@ def test_parses__out_has_the_corpus_program_beside_the_predicted_one(tmp_path):
 
 def test_seen__refers_to_the_corpus_that_the_agent_was_trained_on(tmp_path):
     seen = next(iter(load_tasks("builtin", "tower", "scratch", "train"))).statement
-    corpus = write_entries(tmp_path / "own.jsonl", ("train", "A new one.", BLUE), ("dev", seen, BLUE))
-    settings = Settings("TowerScratch", corpus=corpus)
+    corpus = write_statements(tmp_path / "own.jsonl", ("train", "A new one.", BLUE), ("dev", seen, BLUE))
+    settings = Settings("TowerScratch", corpus=str(corpus))
 
     def trained_on(recipe):
         return training_statements(settings, NamedPolicy("any", lambda settings: None, "", details={"recipe": recipe}))

@@ -16,7 +16,6 @@ from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
-from lilgym_mp.contrib.report import writing
 from lilgym_mp.corpus import write_corpus
 from tests.command_line import Terminal, error_of, lilgym, output_of, succeeds
 from tests.corpora import small_entries
@@ -337,13 +336,13 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("undrawn")
 def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, capsys, monkeypatch):
     place, text = tmp_path / "results", (FILES / "smoke.toml").read_text()
     assert BUILTIN in text
     file = write_file(tmp_path / "smoke.toml", text.replace(BUILTIN, f'corpus = "{own}"'))
     command = f"experiment {file} --out {place} --jobs 2"
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))  # as drawing is slow
     assert lilgym(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
     assert "3 of 3 runs finished" in capsys.readouterr().out
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.contrib.report import writing
 from lilgym_mp.contrib.report.behaviour import film_strip
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import RunDirectory
@@ -58,6 +57,7 @@ def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("undrawn")
 def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     played = 'configurations = ["TowerScratch"]\npolicies = ["random-unmasked"]\n[[learners]]\nlearner = "ppo"\n'
     text = f'corpus = "own corpus.jsonl"\nrules = "release"\nhorizon = 5\n{played}'
@@ -66,7 +66,6 @@ def test_experiment__names_a_report_that_runs(own, monkeypatch, capsys):
     succeeds(f"{command} --list")
     succeeds(printed(capsys, "policies"), "--record", "by hand")
     capsys.readouterr()
-    monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))  # as drawing is slow
     succeeds(command)
     succeeds(printed(capsys, "tables"))
     (file,) = Path("by hand").glob("*.jsonl.gz")

@@ -17,6 +17,7 @@ from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import error_of, lilgym, succeeds
 from tests.json_files import read_json_lines
+from tests.played import save_played
 
 PARTS = {
     "image": {"image"},
@@ -159,13 +160,10 @@ def test_recordings__become_a_data_set(tmp_path, capsys):
 
 
 def test_played_episodes__become_a_data_set(tmp_path):
-    database = pytest.importorskip("lilgym_mp.contrib.web.database")
-    task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
-    fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "task_id": task.id}
-    with database.Database(tmp_path / "web.sqlite3").write() as connection:
-        for actions, outcome in (([3, 0], "success"), ([3], None)):  # 3 adds a blue block
-            played = {"id": str(outcome), "configuration": "TowerScratch", "actions": actions, "outcome": outcome}
-            database.save_episode(connection, database.PlayedEpisode(**fields, **played))
+    fields = {"corpus": "builtin", "split": "dev", "player": "Ada", "configuration": "TowerScratch"}
+    fields["task_id"] = "tower-dev-001"  # I can see a blue block: 3 adds one
+    rows = {"actions": [3, 0], "outcome": "success"}, {"actions": [3], "outcome": None}
+    save_played(tmp_path / "web.sqlite3", *rows, **fields)
     succeeds(f"data from-recordings {tmp_path / 'web.sqlite3'} --out", tmp_path / "own.npz")
     with np.load(tmp_path / "own.npz") as found:
         assert (found["agent"].tolist(), found["action"].tolist()) == (["Ada"], [3, 0])
