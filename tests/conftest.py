@@ -87,18 +87,15 @@ def pytest_collection_finish():
 
 
 def pytest_terminal_summary(terminalreporter):
-    stats = terminalreporter.stats
-    ran = Counter(source for outcome in RAN for report in stats.get(outcome, []) for source in _sources(report))
-    skipped = Counter(source for report in stats.get("skipped", []) for source in _sources(report))
+    counts = Counter(
+        (outcome == "skipped", value)
+        for outcome in (*RAN, "skipped")
+        for report in terminalreporter.stats.get(outcome, [])
+        for name, value in getattr(report, "user_properties", [])
+        if name == "source"
+    )
     terminalreporter.section("tests with external data")
     for fixture, (variable, contents) in SOURCES.items():
         reason = "" if os.environ.get(variable) else f" because {variable} is unset"
-        terminalreporter.line(f"{ran[fixture]} ran with {contents}, {skipped[fixture]} skipped{reason}")
-
-
-def _sources(report):
-    """The sources that a test used or was skipped for, whichever code skipped it."""
-    properties = getattr(report, "user_properties", [])
-    used = {str(value) for name, value in properties if name == "source"}
-    reason = str(getattr(report, "longrepr", "")) if getattr(report, "skipped", False) else ""
-    return used | {fixture for fixture, (variable, _) in SOURCES.items() if variable in reason}
+        ran, skipped = counts[False, fixture], counts[True, fixture]
+        terminalreporter.line(f"{ran} ran with {contents}, {skipped} skipped{reason}")

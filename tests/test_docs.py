@@ -19,6 +19,7 @@ PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception"),
     *("proposer_verifier", "questions", "troubleshooting", "vectorised", "wrappers"),
 )
+DOCUMENTS = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 PICTURES = (".png", ".gif", ".svg")
 LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
@@ -45,12 +46,6 @@ def test_pages__print_the_output_they_show(path, tmp_path, monkeypatch):
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert run_document(path) == []
-
-
-def test_pages__need_not_show_that_something_takes_long_to_load(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("```python\nprint('loading corpus builtin ...')\nprint(1)\n```\n\n```text\n1\n```\n")
-    assert run_document(page) == []
 
 
 def test_solver__has_correct_doctests():
@@ -91,7 +86,7 @@ def test_code_blocks__are_run_by_a_test_or_marked_as_not_run():
     run = {*RUN_ELSEWHERE, *(Path(name).stem for name in (*PAGES, *LONG_PAGES))}
     unmarked = [
         f"{path.relative_to(ROOT)}:{text[: block.start()].count(chr(10)) + 1}"
-        for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+        for path in DOCUMENTS
         if path.stem not in run and path.parent.name != "tutorials"
         for text in [path.read_text()]
         for block in re.finditer(r"^ *```python\n", text, re.MULTILINE)
@@ -101,8 +96,7 @@ def test_code_blocks__are_run_by_a_test_or_marked_as_not_run():
 
 
 def test_commands__are_accepted_by_the_parser():
-    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
-    text = "\n".join(page.read_text() for page in pages).replace("\\\n", "")
+    text = "\n".join(page.read_text() for page in DOCUMENTS if page.stem != "CHANGELOG").replace("\\\n", "")
     found = re.findall(r"^ *(?:\$ )?lilgym-mp ([a-z-]+ .*)", text, re.MULTILINE)
     commands = [command for command in found if "[" not in command]  # not a synopsis
     assert len(commands) > 60
@@ -114,8 +108,7 @@ def test_commands__are_accepted_by_the_parser():
 
 
 def test_addresses__have_parameters_that_their_page_reads():
-    pages = "".join(path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
-    addresses = re.findall(r"`/(\w+)\?([^`]+)`", pages)
+    addresses = re.findall(r"`/(\w+)\?([^`]+)`", "".join(path.read_text() for path in DOCUMENTS))
     assert addresses
     unread = [
         f"/{page}?{name}"
@@ -130,7 +123,7 @@ def test_addresses__have_parameters_that_their_page_reads():
 def test_links_between_documents__have_existing_targets():
     broken = [
         f"{path.name}: {target}"
-        for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+        for path in DOCUMENTS
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", path.read_text())
         if not (path.parent / target).exists()
     ]
@@ -149,7 +142,7 @@ def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command():
     drawing = load_script("draw_pictures")
     folder = ROOT / "docs" / "pictures"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.suffix in PICTURES}
-    pages = "".join(path.read_text() for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+    pages = "".join(path.read_text() for path in DOCUMENTS)
     assert [name for name in names if f"pictures/{name}" not in pages] == []
     assert names >= set(drawing.FILES)
     others = names - set(drawing.FILES)

@@ -1,6 +1,5 @@
 """The examples run, shortened, and do what they promise."""
 
-import importlib.util
 import io
 import json
 import os
@@ -15,20 +14,14 @@ from types import SimpleNamespace
 import pytest
 from PIL import Image
 
-from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
-from tests.command_line import python
+from tests.command_line import python, succeeds
 from tests.documents import code_blocks
-from tests.scripts import ROOT
+from tests.scripts import ROOT, needs
 
 EXAMPLES = ROOT / "examples"
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
-
-
-def _needs(module):
-    if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} is not installed")
 
 
 @pytest.fixture
@@ -93,7 +86,7 @@ def test_self_play__grows_both_pools_and_writes_the_curve(run, tmp_path):
 
 @pytest.mark.long
 def test_train_masked_ppo__evaluates_the_model_that_it_saves(run, tmp_path):
-    _needs("sb3_contrib")
+    needs("sb3_contrib")
     options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "256", "--seed", "1"]
     run("train_masked_ppo.py", *options, "--split", "test", "--json", "results.json")
     written = json.loads((tmp_path / "results.json").read_text())
@@ -109,8 +102,7 @@ def test_tour__saved_outputs_are_pictures_rather_than_names_of_objects():
 
 @pytest.mark.long
 def test_tour__runs_and_shows_scenes_a_film_and_a_chart(tmp_path, monkeypatch, capsys):
-    _needs("torch")
-    _needs("matplotlib")
+    needs("torch", "matplotlib")
     shown = []
     display = SimpleNamespace(
         display=shown.append,
@@ -136,22 +128,20 @@ def test_tour__runs_and_shows_scenes_a_film_and_a_chart(tmp_path, monkeypatch, c
 
 
 @pytest.mark.long
-def test_ppo_single_file__reports_its_accuracy_on_dev(run):
-    _needs("torch")
-    last = run("ppo_single_file.py", "--steps", "4096", "--env", "lilgym_mp/TowerFlipIt-v0").splitlines()[-1]
-    assert re.fullmatch(r" +4,096 +\d+ +0\.\d{3}  0\.\d{3}", last)
-
-
-@pytest.mark.long
-def test_game_ppo__plays_and_reports(run):
-    _needs("torch")
-    header, last = run("game_ppo.py", "--steps", "4096").splitlines()
-    assert header.split() == ["turns", "success"]
-    assert re.fullmatch(r" *4,096  [01]\.\d+", last)
+@pytest.mark.parametrize(
+    ("example", "options", "shown"),
+    [
+        ("ppo_single_file.py", ["--env", "lilgym_mp/TowerFlipIt-v0"], r"(.*\n)+ +4,096 +\d+ +0\.\d{3}  0\.\d{3}\n"),
+        ("game_ppo.py", [], r" *turns +success\n *4,096  [01]\.\d+\n"),
+    ],
+)
+def test_ppo_example__reports_its_accuracy(run, example, options, shown):
+    needs("torch")
+    assert re.fullmatch(shown, run(example, *options, "--steps", "4096"))
 
 
 def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tmp_path):
-    _needs("sb3_contrib")
+    needs("sb3_contrib")
     options = ("--steps", "32", "--rollout", "32", "--tasks", "20")
     printed = run("proposer_verifier_audit.py", *options, "--out", "out")
     assert "always accepting" in printed
@@ -162,14 +152,14 @@ def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tm
 @pytest.mark.long
 @pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # from SuperSuit
 def test_supersuit__one_policy_for_both_agents_learns(run):
-    _needs("supersuit")
+    needs("supersuit")
     returns = [float(line.split()[-1]) for line in run("supersuit_ppo.py", "--steps", "24576").splitlines()]
     assert returns[-1] > returns[0] + 0.3
 
 
 @pytest.mark.filterwarnings("ignore")
 def test_supersuit_ppo__plays_with_the_guides_views(run):
-    _needs("supersuit")
+    needs("supersuit")
     assert "mean return" in run("supersuit_ppo.py", "--steps", "256", "--games", "1", "--guide")
 
 
@@ -177,28 +167,27 @@ def test_supersuit_ppo__plays_with_the_guides_views(run):
 def structured(tmp_path_factory):
     """A small data set of mixed quality, with observations as items."""
     file = tmp_path_factory.mktemp("structured") / "own.npz"
-    options = ["--episodes", "10", "--observation", "structured", "--quality", "mixed"]
-    assert main(["data", "collect", "TowerScratch", *options, "--out", str(file)]) == 0
+    succeeds("data collect TowerScratch --episodes 10 --observation structured --quality mixed --out", file)
     return file
 
 
-def test_behaviour_cloning__learns_from_a_data_set(run, structured):
-    _needs("torch")
-    last = run("behaviour_cloning.py", str(structured), "--updates", "2").splitlines()[-1]
-    assert re.fullmatch(r" +\d+  \d+\.\d\d  0\.\d{3}", last)
-
-
 @pytest.mark.filterwarnings("ignore")  # of d3rlpy's dependencies
-@pytest.mark.parametrize("method", ["cql", "bc"])
-def test_offline_rl__learns_from_a_data_set(run, structured, method):
-    _needs("d3rlpy")
-    last = run("offline_rl.py", str(structured), "--method", method, "--updates", "2").splitlines()[-1]
-    assert re.fullmatch(r" +\d+  0\.\d{3}", last)
+@pytest.mark.parametrize(
+    ("example", "module", "options", "last"),
+    [
+        ("behaviour_cloning.py", "torch", [], r" +\d+  \d+\.\d\d  0\.\d{3}"),
+        ("offline_rl.py", "d3rlpy", ["--method", "cql"], r" +\d+  0\.\d{3}"),
+        ("offline_rl.py", "d3rlpy", ["--method", "bc"], r" +\d+  0\.\d{3}"),
+    ],
+)
+def test_offline_example__learns_from_a_data_set(run, structured, example, module, options, last):
+    needs(module)
+    assert re.fullmatch(last, run(example, str(structured), *options, "--updates", "2").splitlines()[-1])
 
 
 @pytest.mark.long
 def test_train_language_model__reports_both_phases(run):
-    _needs("torch")
+    needs("torch")
     short = ("--rows", "40", "--supervised-steps", "2", "--reward-steps", "1", "--prompts", "2")
     phases = [json.loads(line)["phase"] for line in run("train_language_model.py", *short).splitlines()]
     assert phases == ["supervised", "supervised", "rewarded"]
@@ -249,7 +238,7 @@ def test_finetune_language_model__reports_each_phase_and_saves_the_models(run, t
     ],
 )
 def test_examples_with_other_libraries__learn(tmp_path, name, module, options, pattern, gain):
-    _needs(module)
+    needs(module)
     environment = {**os.environ, "PYTHONPATH": str(EXAMPLES.parent)}
     done = python(EXAMPLES / f"{name}.py", *options.split(), cwd=tmp_path, env=environment, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -261,7 +250,7 @@ def test_examples_with_other_libraries__learn(tmp_path, name, module, options, p
 @pytest.mark.filterwarnings("ignore")  # of the libraries
 @pytest.mark.parametrize(("module", "text"), [("torchrl", "from torchrl."), ("supersuit", "MaskablePPO")])
 def test_code_in_the_integrations_page__prints_the_described_output(module, text, capsys):
-    _needs(module)
+    needs(module)
     page = (ROOT / "docs" / "integrations.md").read_text()
     blocks = [block for block in code_blocks(page) if text in block.code]
     exec("".join(block.code for block in blocks), {"__name__": "__main__"})

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import sys
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import EntryPoint
 from textwrap import dedent
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from lilgym_mp.envs.registration import register_appearance
 from lilgym_mp.scene import choices
 from lilgym_mp.wrappers.gymnasium_adapter import factory
 from tests.command_line import python
-from tests.scripts import ROOT
+from tests.scripts import ROOT, needs
 
 TEXT = (ROOT / "docs" / "extending.md").read_text()
 WORD, WRAPPER, LAMPS, PROTOCOL, TERM, REWARDS = (
@@ -148,41 +148,29 @@ LONG_FIRST = {
 }
 
 
-def said_by(installed, commands):
-    """What commands say, each as the first of its process."""
-    run_in(installed, "first.py", *commands)
-    return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(commands)}
-
-
 @pytest.fixture(scope="module")
 def said(installed):
-    return said_by(installed, FIRST)
+    """A function that gives what commands say, each as the first of its process."""
+
+    @cache
+    def run(*commands):
+        run_in(installed, "first.py", *commands)
+        return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(commands)}
+
+    return run
 
 
-@pytest.fixture(scope="module")
-def said_at_length(installed):
-    return said_by(installed, LONG_FIRST)
-
-
-def check_said(command, said, expected):
+@pytest.mark.parametrize("command", [*FIRST, *(pytest.param(name, marks=pytest.mark.long) for name in LONG_FIRST)])
+def test_first_command__knows_what_an_installed_package_adds(said, command):
     for word, module in (("train", "torch"), ("--protocol", "pettingzoo")):
         if word in command.split():
-            pytest.importorskip(module, reason=f"{module} is not installed")
-    assert expected in said
-    assert "Traceback" not in said
-    if expected in (NO_HEADS, NO_STATEMENTS, NO_RECIPE):
-        assert len(said.splitlines()) == 1
-
-
-@pytest.mark.parametrize("command", FIRST)
-def test_first_command__knows_what_an_installed_package_adds(said, command):
-    check_said(command, said[command], FIRST[command])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("command", LONG_FIRST)
-def test_first_long_command__knows_what_an_installed_package_adds(said_at_length, command):
-    check_said(command, said_at_length[command], LONG_FIRST[command])
+            needs(module)
+    commands = FIRST if command in FIRST else LONG_FIRST
+    text = said(*commands)[command]
+    assert commands[command] in text
+    assert "Traceback" not in text
+    if commands[command] in (NO_HEADS, NO_STATEMENTS, NO_RECIPE):
+        assert len(text.splitlines()) == 1
 
 
 @pytest.mark.long
@@ -208,19 +196,18 @@ def test_report__has_the_episodes_of_an_appearance_of_an_installed_package(insta
     assert "LampsScratch" in (installed / "page" / "index.html").read_text()
 
 
-def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch):
+def test_extensions__that_cannot_be_imported_or_exit_are_named_and_others_load(monkeypatch):
     loaded = []
     broken = EntryPoint("broken", "no_such_module", choices.EXTENSIONS)
-    monkeypatch.setattr(choices, "_PENDING", iter([broken, SimpleNamespace(load=lambda: loaded.append("good"))]))
-    with pytest.warns(UserWarning, match="'broken' .*no_such_module"):
+    rude = SimpleNamespace(name="rude", load=lambda: sys.exit(3))
+    good = SimpleNamespace(load=lambda: loaded.append("good"))
+    monkeypatch.setattr(choices, "_PENDING", iter([broken, rude, good]))
+    with (
+        pytest.warns(UserWarning, match="'broken' .*no_such_module"),
+        pytest.warns(UserWarning, match="'rude' cannot be imported: SystemExit"),
+    ):
         choices.load_extensions()
     assert loaded == ["good"]
-
-
-def test_extension__that_exits_is_one_warning(monkeypatch):
-    monkeypatch.setattr(choices, "_PENDING", iter([SimpleNamespace(name="rude", load=lambda: sys.exit(3))]))
-    with pytest.warns(UserWarning, match="'rude' cannot be imported: SystemExit"):
-        choices.load_extensions()
 
 
 def test_registrations__of_a_name_that_is_taken_are_refused():

@@ -2,7 +2,6 @@
 
 import gzip
 import importlib
-import importlib.util
 import inspect
 import json
 import pkgutil
@@ -22,7 +21,7 @@ import pytest
 import lilgym_mp
 from lilgym_mp import cli
 from lilgym_mp.corpus import extras
-from tests.scripts import ROOT, load_script
+from tests.scripts import ROOT, load_script, needs
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS = PROJECT["tool"]["setuptools"]
@@ -83,11 +82,6 @@ def _passes(*command, cwd=ROOT):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def _needs(module):
-    if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} is not installed: it comes with the extra `lint`")
-
-
 def _package_directories():
     """Every directory that contains modules of the package, by import name."""
     outside = {name: ROOT / place for name, place in SETUPTOOLS["package-dir"].items()}
@@ -102,7 +96,7 @@ def _package_directories():
 @pytest.fixture(scope="module")
 def installed_form(tmp_path_factory):
     """The package in the layout of a wheel."""
-    _needs("setuptools")
+    needs("setuptools")
     place = tmp_path_factory.mktemp("installed")
     _passes(sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place)
     return place
@@ -126,7 +120,7 @@ def test_packaging__every_module_and_data_file_is_shipped(installed_form):
 
 @pytest.mark.long
 def test_packaging__a_source_distribution_has_the_package_its_tests_and_documents(tmp_path):
-    _needs("setuptools")
+    needs("setuptools")
     program = "from setuptools import setup; setup()"
     _passes(sys.executable, "-c", program, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
     (packed,) = tmp_path.glob("*.tar.gz")
@@ -357,8 +351,7 @@ def test_repository__contains_no_official_statement(official_data):
 
 @pytest.mark.long
 def test_editable_install__lets_type_checkers_find_the_wrappers(tmp_path):
-    for name in ("setuptools", "pyright"):
-        _needs(name)
+    needs("setuptools", "pyright")  # of the extra `lint`
     for name in ("lilgym_mp", "wrappers", "data", "scripts"):
         shutil.copytree(ROOT / name, tmp_path / name, symlinks=True)
     for name in ("pyproject.toml", "README.md", "LICENSE"):

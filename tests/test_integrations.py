@@ -1,13 +1,12 @@
 """Each cell of the table of other libraries is a script that trains, evaluates, saves and loads."""
 
-import importlib.util
 import re
 import runpy
 import sys
 
 import pytest
 
-from tests.scripts import load_script
+from tests.scripts import load_script, needs
 
 SNIPPETS = load_script("write_integration_table")
 NEEDS = {  # modules, by the beginning of a script's name
@@ -32,9 +31,7 @@ CELLS = [  # each kind with one of the switches
 @pytest.mark.parametrize("cell", CELLS)
 def test_cell__trains_evaluates_saves_and_loads(cell, tmp_path, monkeypatch, capsys):
     name, *words = cell.split()
-    for module in NEEDS[name.partition("_")[0]]:
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed")
+    needs(*NEEDS[name.partition("_")[0]])
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(SNIPPETS.SNIPPETS)
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")

@@ -133,6 +133,8 @@ def test_render__works_in_every_mode(made, mode):
         env.reset()
     assert_same(ours.render(), theirs.render())
     assert_same(list(ours.env_method("render")), theirs.env_method("render"))
+    described = [ours.unwrapped.metadata, *ours.get_attr("metadata"), *theirs.get_attr("metadata")]
+    assert len({each["render_fps"] for each in described}) == 1
 
 
 def darker(observations):
@@ -209,6 +211,13 @@ def own_ids(tmp_path):
         ({"n_envs": 2.0}, "not 2.0"),
         ({"observation": "text"}, "Stable-Baselines3 has no Text spaces; use observation="),
         ({"wrap": text_observation_v0}, "Stable-Baselines3 has no Text spaces; use observation="),
+        ({"same_statement": 2, "backend": "dummy"}, 'same_statement=2 needs backend="batched" or backend="workers"'),
+        ({"recolour": True, "split": "dev"}, "of split 'train', not 'dev'"),
+        ({"empty_starts": 1.5}, "at least 0 and at most 0.9, not 1.5"),
+        (
+            {"evaluation": True, "same_statement": 16, "recolour": True},
+            r'backend="batched".*leave out same_statement=16, recolour=True$',
+        ),
     ],
 )
 def test_make__names_the_choices_or_what_replaces_keywords_of_others(settings, message):
@@ -241,16 +250,10 @@ def without_times(info):
     return {key: value for key, value in info.items() if key != "episode"}
 
 
-def test_metadata__has_the_frames_per_second_of_films(made):
-    batched, single = (made(TOWER, backend, monitor=False).get_attr("metadata")[0] for backend in ("batched", "dummy"))
-    assert batched["render_fps"] == made(TOWER, "batched", monitor=False).metadata["render_fps"] == single["render_fps"]
-
-
-def test_monitor__can_be_switched_off(made):
-    assert isinstance(made(TOWER, "dummy"), VecMonitor)
-    assert isinstance(made(TOWER, "batched"), VecMonitor)
-    assert isinstance(made(TOWER, "batched", monitor=False), BatchVecEnv)
-    assert isinstance(made(TOWER, "dummy", monitor=False), DummyVecEnv)
+@pytest.mark.parametrize(("backend", "unmonitored"), [("batched", BatchVecEnv), ("dummy", DummyVecEnv)])
+def test_monitor__can_be_switched_off(made, backend, unmonitored):
+    assert isinstance(made(TOWER, backend), VecMonitor)
+    assert isinstance(made(TOWER, backend, monitor=False), unmonitored)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -311,7 +314,7 @@ def test_stop_forcing__is_added_outside_of_other_wrappers(made, backend):
 
 
 def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release():
-    for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
+    for make in (gym.make, gym.make_vec):
         for name, advice in (("data", "use corpus=PATH"), ("splt", "choose from corpus, split")):
             with pytest.raises(TypeError, match=f"'{name}'; {advice}"):
                 make(TOWER, **{name: "data"})
@@ -343,12 +346,6 @@ def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tm
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
     done = python("script.py", cwd=tmp_path)
     assert "'image'" in done.stdout, done.stderr
-
-
-def test_evaluation__names_what_contradicts_it():
-    settings = recipe("TowerScratch")
-    with pytest.raises(ValueError, match=r'backend="batched".*leave out same_statement=16, recolour=True$'):
-        make_vec_env(**(settings.env | {"evaluation": True}))
 
 
 def test_same_statement__over_workers_that_split_the_groups_warns():

@@ -1,7 +1,5 @@
 """The policy, the buffer, the sampler and the recipe for Stable-Baselines3."""
 
-from pathlib import Path
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.utils import obs_as_tensor
 from stable_baselines3.common.vec_env import VecNormalize
 
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation import Settings, evaluate
@@ -25,6 +22,7 @@ from lilgym_mp.learning.common.model_file import save_model
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.sb3 import EntropySchedule, StatementRolloutBuffer, agent_of, make_vec_env, recipe
 from lilgym_mp.testing import assert_same
+from tests.command_line import error_of, output_of
 
 SCRATCH, FLIPIT = "lilgym_mp/TowerScratch-v0", "lilgym_mp/TowerFlipIt-v0"
 COUNT = 8
@@ -138,10 +136,7 @@ def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary():
     settings = recipe("TowerScratch")
     env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
     changes = {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
-    with pytest.raises(
-        ValueError,
-        match=r"have \(13, 4\) actions and token ids, the environment \(13, ",
-    ):
+    with pytest.raises(ValueError, match=r"have \(13, 4\) actions and token ids, the environment \(13, "):
         PPO(env=env, **settings.model | changes)
 
 
@@ -173,32 +168,31 @@ def test_agent__needs_our_policy():
 
 
 def test_evaluate__plays_a_trusted_model(trained, tmp_path, capsys):
-    path = str(tmp_path / "model.zip")
+    path = tmp_path / "model.zip"
     trained.save(path)
-    assert main(["evaluate", path, "--alone"]) == 2
-    assert f"{path} contains pickles: loading it can run any code" in capsys.readouterr().err
-    assert main(["evaluate", path, "--alone", "--trust", "--actions", "greedy"]) == 0
-    assert "by Stable-Baselines3" in capsys.readouterr().out
-    Path(path).write_text("no model")
-    assert main(["evaluate", path, "--trust"]) == 2
-    assert f"{path}: cannot be loaded as a model with a LilGymPolicy" in capsys.readouterr().err
+    command = f"evaluate {path} --alone"
+    assert f"{path} contains pickles: loading it can run any code" in error_of(capsys, command)
+    assert "by Stable-Baselines3" in output_of(capsys, f"{command} --trust --actions greedy")
+    path.write_text("no model")
+    assert f"{path}: cannot be loaded as a model with a LilGymPolicy" in error_of(capsys, f"{command} --trust")
 
 
 # Tasks
 
 
-def statements_of(envs, steps):
-    """By time: the statement that each environment plays, when each STOPs at once."""
-    observations = [envs.reset(seed=0)[0], *(envs.step(np.zeros(envs.num_envs, np.int64))[0] for _ in range(steps))]
+def statements_of(id, workers, times, **options):
+    """By time: the statement that each of two groups' environments plays, when each STOPs at once."""
+    sampler = StatementSampler(id, same_statement=4, **options)
+    envs = WorkerVectorEnv(id, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
+    stops = [np.zeros(COUNT, np.int64)] * (times - 1)
+    observations = [envs.reset(seed=0)[0], *(envs.step(stop)[0] for stop in stops)]
+    envs.close()
     return [list(observation["statement"]) for observation in observations]
 
 
 @pytest.mark.parametrize(("workers", "episodes"), [(1, 3), (2, 2)])
 def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers, episodes):
-    sampler = StatementSampler(SCRATCH, same_statement=4, statement_episodes=episodes)
-    envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
-    rows = statements_of(envs, 3 * episodes - 1)
-    envs.close()
+    rows = statements_of(SCRATCH, workers, 3 * episodes, statement_episodes=episodes)
     assert all(row == [row[0]] * 4 + [row[4]] * 4 for row in rows)
     firsts = [row[0] for row in rows]
     assert firsts == [statement for statement in dict.fromkeys(firsts) for _ in range(episodes)]
@@ -206,15 +200,8 @@ def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers,
 
 
 def test_sampler__is_the_same_in_a_batch_and_in_workers():
-    options = {"same_statement": 4, "recolour": True, "empty_starts": 0.5}
-    rows = []
-    for workers in (1, 2):
-        envs = WorkerVectorEnv(
-            FLIPIT, COUNT, workers, sampler=StatementSampler(FLIPIT, **options), autoreset_mode="SameStep"
-        )
-        rows.append(statements_of(envs, 6))
-        envs.close()
-    assert rows[0] == rows[1]
+    one, other = (statements_of(FLIPIT, workers, 7, recolour=True, empty_starts=0.5) for workers in (1, 2))
+    assert one == other
 
 
 def test_sampler__draws_recoloured_and_empty_starts():
@@ -226,16 +213,3 @@ def test_sampler__draws_recoloured_and_empty_starts():
     assert 0.3 < np.mean([task.statement not in original for task in tasks]) < 0.9
     words = {word for task in tasks for word in task.statement.lower().split() if word.isalpha()}
     assert words <= {*sampler.vocabulary.words}
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"same_statement": 2, "backend": "dummy"}, 'same_statement=2 needs backend="batched" or backend="workers"'),
-        ({"recolour": True, "split": "dev"}, "of split 'train', not 'dev'"),
-        ({"empty_starts": 1.5}, "at least 0 and at most 0.9, not 1.5"),
-    ],
-)
-def test_make_vec_env__explains_what_training_options_need(changes, message):
-    with pytest.raises(ValueError, match=message):
-        make_vec_env(FLIPIT, 4, **changes)

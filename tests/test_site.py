@@ -1,6 +1,5 @@
 """The documentation site builds without warnings, and its generated pages match the code."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -11,7 +10,7 @@ import pytest
 
 import lilgym_mp  # noqa: F401
 from tests.browser import axe_script, chromium, watched_page
-from tests.scripts import ROOT, load_script
+from tests.scripts import ROOT, load_script, needs
 
 VISITED = ("index.html", "results.html", "api/environments.html", "environments/tower.html")
 FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?(?:https?:)?//[^"'>\s]+""")
@@ -20,9 +19,7 @@ FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The directory of the built site."""
-    for module in ("mkdocs", "material", "mkdocstrings"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: it comes with the extra `docs`")
+    needs("mkdocs", "material", "mkdocstrings")  # of the extra `docs`
     package, place = tmp_path_factory.mktemp("package"), tmp_path_factory.mktemp("site")
     build = [sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", package]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)

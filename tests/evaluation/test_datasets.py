@@ -8,12 +8,14 @@ from itertools import pairwise
 import gymnasium as gym
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from lilgym_mp import action_masks
 from lilgym_mp.corpus import Vocabulary, load_tasks
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import Episode, datasets
 from lilgym_mp.scene.actions import STOP
+from lilgym_mp.testing import assert_same
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 from tests.command_line import error_of, lilgym, succeeds
 from tests.json_files import read_json_lines
@@ -56,35 +58,32 @@ def environment(configuration, form):
 )
 def test_fields__are_what_the_environment_shows(collect, configuration, form, quality):
     found = collect(f"{configuration} --episodes 4 --quality {quality} --observation {form} --returns-to-go")
+    about = json.loads(str(found["about"]))
     env = environment(configuration, form)
     for index, (begin, end) in enumerate(pairwise(found["starts"])):
         observed, info = env.reset(options={"task": str(found["task"][index])})
         if "tokens" in PARTS[form]:
-            assert np.array_equal(found["tokens"][index], observed["statement"])
-        returned, ends = 0.0, [False]
+            ids = found["tokens"][index]
+            assert_array_equal(ids, observed["statement"])
+            vocabulary = Vocabulary(tuple(about["vocabulary"]))
+            assert_array_equal(ids, vocabulary.encode(str(found["statement"][index]), about["length"]))
+        results = []
         for step in range(begin, end):
             shown = {"text": observed} if form == "text" else observed
             for name in PARTS[form] - {"tokens"}:
-                kept = np.asarray(found[name][step])
-                assert np.array_equal(
-                    shown[name], kept[tuple(map(slice, np.shape(shown[name])))]
-                )  # dev has fewer slots
-            assert np.array_equal(action_masks(env), found["legal"][step])
-            observed, reward, *ends, info = env.step(int(found["action"][step]))
-            assert (reward, *ends) == (found["reward"][step], found["terminated"][step], found["truncated"][step])
-            returned += float(reward)
-        assert any(ends)
-        assert found["return_to_go"][begin] == pytest.approx(returned)
+                slots = tuple(map(slice, np.shape(shown[name])))  # dev has fewer
+                assert_array_equal(shown[name], np.asarray(found[name][step])[slots])
+            assert_array_equal(action_masks(env), found["legal"][step])
+            observed, *result, info = env.step(int(found["action"][step]))
+            results.append(result)
+        kept = [found[name][begin:end] for name in ("reward", "terminated", "truncated")]
+        assert_array_equal(np.transpose(results), kept)
+        assert any(results[-1][1:])
+        assert found["return_to_go"][begin] == pytest.approx(kept[0].sum())
         assert info["outcome"] == found["outcome"][index]
-    assert set(found) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
+    assert set(found) >= PARTS[form] | {"statement", "program", "target", "agent", "split"}
     assert (found["outcome"] == "success").all() == (quality == "expert")
-    about = json.loads(str(found["about"]))
     assert about["wrappers"] == {"structured": ["StructuredObservation"], "text": ["TextObservation"]}.get(form, [])
-    if "tokens" in PARTS[form]:
-        ids = found["tokens"][0]
-        assert about["length"] == len(ids)
-        statement = str(found["statement"][0])
-        assert np.array_equal(Vocabulary(tuple(about["vocabulary"])).encode(statement, len(ids)), ids)
 
 
 def test_mixed__has_a_third_of_each_quality(collect):
@@ -100,6 +99,14 @@ def test_optimal__has_all_first_actions_of_shortest_solutions(collect):
     assert not (found["optimal"] & ~found["legal"]).any()
 
 
+def rollout_of(settings, task, actions, outcome):
+    """The rollout of an episode of dev that someone said to have ended so."""
+    episode = Episode.of(task, list(actions), outcome, settings.dynamics())
+    sources = [datasets.Source(settings, "dev", "own", [episode])]
+    (rollout,) = datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image"))
+    return rollout
+
+
 def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
     settings = EnvConfig("TowerScratch", rules="release")
     env = settings.make("dev")
@@ -108,15 +115,13 @@ def test_steps__of_the_releases_rules_are_never_both_terminated_and_truncated():
     results = [env.step(action)[2:4] for action in actions]
     assert results[-1] == (True, True)
     outcome = "success" if env.goal_reached() else "wrong_stop"
-    episode = Episode.of(env.tasks[0], [*map(env.dynamics.appearance.decode, actions)], outcome, env.dynamics)
-    sources = [datasets.Source(settings, "dev", "own", [episode])]
-    (rollout,) = datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image"))
+    rollout = rollout_of(settings, env.tasks[0], map(env.dynamics.appearance.decode, actions), outcome)
     assert rollout.steps["terminated"].tolist() == [False] * 10 + [True]
     assert not rollout.steps["truncated"].any()
 
 
 def test_files__of_equal_options_and_seeds_are_equal(tmp_path):
-    first, again = tmp_path / "first.jsonl.gz", tmp_path / "again.jsonl.gz"
+    first, again = (tmp_path / f"{name}.jsonl.gz" for name in ("first", "again"))
     for place in (first, again):
         succeeds("data collect ScatterScratch --episodes 7 --seed 3 --out", place)
     assert first.read_bytes() == again.read_bytes()
@@ -186,13 +191,10 @@ def test_sources__that_cannot_be_read_are_named(content, message, tmp_path, caps
 
 @pytest.mark.parametrize(("actions", "outcome"), [([STOP], "horizon"), ([STOP, STOP], "wrong_stop")])
 def test_rollouts__that_end_differently_are_refused(actions, outcome):
-    settings = datasets.EnvConfig("TowerScratch")
-    task = load_tasks("builtin", "tower", "scratch", "dev")[0]
-    episode = datasets.Episode.of(task, actions, outcome, settings.dynamics())
-    sources = [datasets.Source(settings, "dev", "agent", [episode])]
+    settings = EnvConfig("TowerScratch")
     ended = f"ended as {outcome}, but as wrong_stop when played again, after 1 of {len(actions)} actions"
     with pytest.raises(datasets.DatasetError, match=ended):
-        list(datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image")))
+        rollout_of(settings, settings.tasks("dev")[0], actions, outcome)
 
 
 # Output
@@ -258,8 +260,8 @@ def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
             if form == "text":
                 assert observed == seen[step]
             else:
-                assert all(np.array_equal(observed[name], seen[name][step]) for name in observed)
-            assert np.array_equal(action_masks(env), episode.infos["legal"][step])
+                assert_same(observed, {name: values[step] for name, values in seen.items()})
+            assert_array_equal(action_masks(env), episode.infos["legal"][step])
             observed, *_, info = env.step(int(action))
         assert info["is_success"]
     assert "exists already" in error_of(capsys, command)
