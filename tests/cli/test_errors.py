@@ -22,6 +22,7 @@ ERRORS = {
     "play TowerScratch --corpus nowhere": "no corpus 'nowhere': no such file or directory",
     "play TowerScratch --task tower-train-xyz": "no task 'tower-train-xyz'",
     "evaluate --policy expert --passes 0": "--passes must be at least 1, not 0",
+    "bench --num-envs 8 0": "--num-envs must be at least 1, not 0",
     "evaluate nowhere": "no trained agent at nowhere",
     "evaluate": "name run directories of trained agents, policies with --policy",
     "train imitation TowerFlipIt --width 12": "width must be a multiple of 8, not 12",

@@ -1,7 +1,6 @@
 """`lilgym-mp evaluate` of the two-agent game."""
 
 import csv
-import json
 from dataclasses import replace
 
 import pytest
@@ -10,7 +9,7 @@ from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
-from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
+from lilgym_mp.learning.common.run_directory import begin_run
 from tests.command_line import error_of, succeeds
 from tests.json_files import read_json
 
@@ -39,11 +38,23 @@ class Single(Agent):
         return random_legal
 
 
-def results(directory, arguments):
-    """What `lilgym-mp evaluate ARGUMENTS` writes in the directory, by proposer and verifier."""
+def entries(directory, arguments):
+    """What `lilgym-mp evaluate ARGUMENTS` writes in the directory."""
     succeeds(f"evaluate {arguments} --force --out", directory / "results.json")
-    found = read_json(directory / "results.json")["results"]
-    return {(entry["proposer"], entry["verifier"]): entry for entry in found}
+    return read_json(directory / "results.json")["results"]
+
+
+def by_pair(entries):
+    return {(entry["proposer"], entry["verifier"]): entry for entry in entries}
+
+
+def results(directory, arguments):
+    """The same, by proposer and verifier."""
+    return by_pair(entries(directory, arguments))
+
+
+def read_csv(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 @pytest.fixture
@@ -73,8 +84,7 @@ def test_cross_play__is_also_a_table_with_a_remark_on_pairs_that_learned_for_oth
     runs["b"].game = replace(runs["b"].game, rewards="hidden")
     written = results(tmp_path, "a b --cross-play")
     assert len(written) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
-    with (tmp_path / "results.csv").open(newline="") as table:
-        rows = {(row["proposer"], row["verifier"]): row for row in csv.DictReader(table)}
+    rows = by_pair(read_csv(tmp_path / "results.csv"))
     assert rows.keys() == written.keys()
     row, found = rows["a", "b"], written["a", "b"]
     assert float(row["success"]) == found["success"]
@@ -93,9 +103,8 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path,
 
 def test_run__plays_the_requested_configurations(tmp_path, own, runs):
     runs["a"] = Trained(own)  # on TowerScratch
-    succeeds("evaluate a --configuration TowerFlipIt TowerScratch --out", tmp_path / "results.json")
-    entries = read_json(tmp_path / "results.json")["results"]
-    assert list(dict.fromkeys(entry["configuration"] for entry in entries)) == ["TowerFlipIt", "TowerScratch"]
+    found = [entry["configuration"] for entry in entries(tmp_path, "a --configuration TowerFlipIt TowerScratch")]
+    assert list(dict.fromkeys(found)) == ["TowerFlipIt", "TowerScratch"]
 
 
 @pytest.mark.parametrize(
@@ -137,24 +146,20 @@ def test_actions__are_greedy_sampled_or_both(tmp_path, own, runs):
             return super().partner(role, game)
 
     runs["a"] = Sampled(own)
-    succeeds("evaluate a --actions greedy sampled --out", tmp_path / "results.json")
+    found = entries(tmp_path, "a --actions greedy sampled")
     assert asked == [False, False, True, True]
-    entries = read_json(tmp_path / "results.json")["results"]
-    assert [entry["actions"] for entry in entries][::5] == ["greedy", "sampled"]
+    assert [entry["actions"] for entry in found][::5] == ["greedy", "sampled"]
 
 
 def test_report__plays_the_pairs_of_game_runs_in_its_paths(tmp_path, own, runs):
     for name, protocol in (("a", "audit"), ("b", "veto")):
         directory = tmp_path / "runs" / name
-        directory.mkdir(parents=True)
-        run = {"format": FORMAT, "version": VERSION, "identity": {"learner": "game"}, "made": {}}
-        (directory / "run.json").write_text(json.dumps(run))
+        begin_run(directory, {"learner": "game"})
         (directory / "agent.safetensors").touch()
         runs[str(directory)] = Trained(own, protocol)
     succeeds(f"report {tmp_path / 'runs'} --out", tmp_path / "report")
     (matrix,) = (tmp_path / "report" / "tables").glob("*success*audit*.csv")
-    with matrix.open(newline="") as table:
-        rows = {row["proposer"]: row for row in csv.DictReader(table)}
+    rows = {row["proposer"]: row for row in read_csv(matrix)}
     run = str(tmp_path / "runs" / "a")
     assert rows[run]["oracle low"] != ""
     assert rows["expert"][f"{run} mean"] != ""

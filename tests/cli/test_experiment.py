@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -86,19 +87,18 @@ def test_plan__a_whole_number_may_be_written_as_a_float(tmp_path):
 @pytest.mark.parametrize(
     ("learner", "played"),
     [
-        ('"imitation"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
-        ('"imitation"\nconfigurations = ["TowerScratch"]', ["TowerScratch"]),
-        ('"imitation"\nconfigurations = ["TowerFlipIt"]\nempty_starts = 0', ["TowerFlipIt"]),
-        ('"ppo"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
-        ('"ppo"\nconfigurations = ["TowerFlipIt"]\nrecipe = "paper"', ["TowerFlipIt"]),
-        ('"reward-model"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
+        ('"imitation"\nconfigurations = ["TowerFlipIt"]', "TowerScratch TowerFlipIt"),
+        ('"imitation"\nconfigurations = ["TowerScratch"]', "TowerScratch"),
+        ('"imitation"\nconfigurations = ["TowerFlipIt"]\nempty_starts = 0', "TowerFlipIt"),
+        ('"ppo"\nconfigurations = ["TowerFlipIt"]', "TowerScratch TowerFlipIt"),
+        ('"ppo"\nconfigurations = ["TowerFlipIt"]\nrecipe = "paper"', "TowerFlipIt"),
+        ('"reward-model"\nconfigurations = ["TowerFlipIt"]', "TowerScratch TowerFlipIt"),
     ],
 )
 def test_plan__evaluates_on_the_starts_of_training(tmp_path, learner, played):
     (planned,) = read_plan(write_file(tmp_path / "a.toml", f'corpus = "builtin"\n[[learners]]\nlearner = {learner}\n'))
     (words,) = planned.evaluate
-    first = words.index("--configuration") + 1
-    assert list(words[first : words.index("--corpus")]) == played
+    assert f"--configuration {played} --corpus" in " ".join(words)
 
 
 def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, capsys):
@@ -110,8 +110,8 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, caps
     teacher = "{out}/runs/teacher-{seed}"
     """
     file = write_file(tmp_path / "a.toml", text)
-    training = output_of(capsys, f"experiment {file} --out here --list").splitlines()[::2]
-    assert [line.split()[-1] for line in training] == ["here/runs/teacher-3", "here/runs/teacher-5"]
+    output = output_of(capsys, f"experiment {file} --out here --list")
+    assert re.findall("here/runs/teacher-.", output) == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
 def test_plan__learner_trained_on_another_corpus(tmp_path, own):
@@ -156,9 +156,8 @@ def test_plan__errors_name_file_key_and_choices(tmp_path, text, message):
 def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", SMALL)
     command = f"experiment {file} --out {tmp_path / 'out'}"
-    assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in error_of(
-        capsys, f"{command} --split test"
-    )
+    untrained = error_of(capsys, f"{command} --split test")
+    assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in untrained
     assert not (tmp_path / "out").exists()
     write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
     write_file(file, f'corpus = "{tmp_path / "own.jsonl"}"\n{SMALL}')
@@ -168,11 +167,10 @@ def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path, capsys):
 
 def test_experiment__only_executes_the_runs_named(tmp_path, capsys):
     file = write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL)
-    succeeds(f"experiment {file} --list --only ppo-TowerScratch-1")
-    assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
-    assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in error_of(
-        capsys, f"experiment {file} --only ppo-TowerScratch-2"
-    )
+    listed = output_of(capsys, f"experiment {file} --list --only ppo-TowerScratch-1").splitlines()
+    assert {line.split(":")[0] for line in listed} == {"ppo-TowerScratch-1"}
+    refused = error_of(capsys, f"experiment {file} --only ppo-TowerScratch-2")
+    assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in refused
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux pins processes to cores")
@@ -188,12 +186,11 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(tmp_path
 
 @pytest.mark.long
 def test_experiment__trains_the_game_and_measures_it(tmp_path, own):
-    head = f'corpus = "{own}"\nconfigurations = ["TowerScratch"]\n[[learners]]\nlearner = "game"\nsteps = 64\n'
-    game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\n'
-    file = write_file(tmp_path / "game.toml", head + game + FEW)
-    succeeds(f"experiment {file} --out", tmp_path / "results")
-    results = tmp_path / "results" / "episodes" / "audit-TowerScratch-0-dev.json"
-    found = {(one["verifier"], one["protocol"]) for one in read_json(results)["results"]}
+    game = 'name = "audit"\nprotocol = "audit"\nverifiers = "always-accept"\nwidth = 16\nsteps = 64\n'
+    text = f'corpus = "{own}"\n{SMALL.replace("ppo", "game")}{game}{FEW}'
+    succeeds(f"experiment {write_file(tmp_path / 'game.toml', text)} --out", tmp_path)
+    results = read_json(tmp_path / "episodes" / "audit-TowerScratch-0-dev.json")["results"]
+    found = {(one["verifier"], one["protocol"]) for one in results}
     assert found >= {("oracle", "audit"), ("target-only", "audit")}
 
 
@@ -204,32 +201,26 @@ class Script(Attempt):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
-def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path):
-    make_attempts([], tmp_path, 1)  # makes the directories
-    plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
-    attempts = [Script(planned, tmp_path, threads=1) for planned in plans]
-    execute(attempts, 1, lambda: None, 0.1)
-    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
-    assert "no-such-command" in attempts[0].error
-    assert f"no-such-command {tmp_path}\n" in attempts[0].log.read_text()
-    again = make_attempts(plans, tmp_path, 1)
-    assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
-
-
-def test_execute__killed_process_does_not_stop_other_runs(tmp_path):
+def test_execute__failed_and_killed_runs_do_not_stop_others_and_are_logged(tmp_path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
-    plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
+    plans = [PlannedRun(words[0], (), (words,)) for words in (("bad",), slow, ("fine",))]
     make_attempts([], tmp_path, 1)  # makes the directories
-    attempts = [Attempt(plans[0], tmp_path, 1), Script(plans[1], tmp_path, 1)]
+    kinds = (Script, Attempt, Script)
+    attempts = [kind(planned, tmp_path, 1) for kind, planned in zip(kinds, plans, strict=True)]
+    bad, killed, _ = attempts
 
     def kill():
-        process = attempts[0]._process
+        process = killed._process
         if process is not None and process.poll() is None:
             process.kill()
 
     execute(attempts, 1, kill, 0.1)
-    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FINISHED]
-    assert attempts[0].error.startswith("killed by SIGKILL: $ lilgym-mp evaluate")
+    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.FAILED, RunStatus.FINISHED]
+    assert "no-such-command" in bad.error
+    assert f"no-such-command {tmp_path}\n" in bad.log.read_text()
+    assert killed.error.startswith("killed by SIGKILL: $ lilgym-mp evaluate")
+    again = make_attempts(plans, tmp_path, 1)
+    assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.WAITING, RunStatus.FINISHED]
 
 
 @pytest.mark.long
@@ -329,20 +320,19 @@ def test_attempts__do_not_train_again_what_ended_unnoticed(tmp_path):
     plan = PlannedRun("a", ("train", "nothing"), (), ("steps", 100))
     (attempt,) = make_attempts([plan], tmp_path, 1)
     attempt.run.mkdir()
-    for name, content in (("run.json", '{"finished": true, "options": {"steps": 100}}'), ("checkpoint.pt", "")):
-        (attempt.run / name).write_text(content)
+    (attempt.run / "run.json").write_text('{"finished": true, "options": {"steps": 100}}')
+    (attempt.run / "checkpoint.pt").touch()
     attempt.execute()
     assert attempt.status is RunStatus.FINISHED
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
-def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, capsys, monkeypatch):
+def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, capsys):
     place, text = tmp_path / "results", (FILES / "smoke.toml").read_text()
     assert BUILTIN in text
     file = write_file(tmp_path / "smoke.toml", text.replace(BUILTIN, f'corpus = "{own}"'))
     command = f"experiment {file} --out {place} --jobs 2"
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
     assert lilgym(command) == 0, [log.read_text()[-2000:] for log in (place / "logs").iterdir()]
     assert "3 of 3 runs finished" in capsys.readouterr().out
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

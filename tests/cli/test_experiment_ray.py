@@ -5,13 +5,15 @@ import subprocess
 import sys
 import time
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
-from lilgym_mp.cli import experiment_ray, main
+from lilgym_mp.cli import experiment_ray
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.cli.experiment_runs import FINISHED
 from lilgym_mp.evaluation.files import write_json
+from tests.command_line import error_of, lilgym, output_of
 from tests.scripts import ROOT
 
 TEXT = 'configurations = ["TowerScratch"]\nseeds = [0, 1]\n[[learners]]\nlearner = "ppo"\nsteps = 64\n'
@@ -41,10 +43,16 @@ class OneProcess:
         return function(name)
 
 
-def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(tmp_path, monkeypatch, capsys):
-    file, results = tmp_path / "own.toml", tmp_path / "results"
-    file.write_text(TEXT)
-    plan = {planned.name: planned for planned in read_plan(file)}
+@pytest.fixture
+def command(tmp_path):
+    """An experiment of two runs on Ray; an address can follow."""
+    (tmp_path / "own.toml").write_text(TEXT)
+    return f"experiment {tmp_path / 'own.toml'} --out {tmp_path / 'out'} --jobs 2 --ray"
+
+
+def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(command, tmp_path, monkeypatch, capsys):
+    results = tmp_path / "out"
+    plan = {planned.name: planned for planned in read_plan(tmp_path / "own.toml")}
     first, second = plan
     lost, executed = {second}, list[str]()
     ray = OneProcess()
@@ -59,41 +67,27 @@ def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(tmp_path,
         return 0
 
     monkeypatch.setattr(experiment_ray, "_run", run)
-    command = ["experiment", str(file), "--out", str(results), "--jobs", "2", "--ray"]
-    assert main([*command, "10.0.0.1:6379"]) == 1
+    assert lilgym(f"{command} 10.0.0.1:6379") == 1
     printed = capsys.readouterr().out
     assert f"failed: {second}: ConnectionError: node lost" in printed
     assert "1 of 2 runs finished" in printed
     assert ray.calls[0] == ("init", {"address": "10.0.0.1:6379", "log_to_driver": False})
-    assert main(command) == 0
-    assert "2 of 2 runs finished" in capsys.readouterr().out
+    assert "2 of 2 runs finished" in output_of(capsys, command)
     assert executed == [first, second]
     assert [name for name, _ in ray.calls] == ["init", "remote", "shutdown"] * 2
 
 
-def test_ray__missing_is_one_line_that_names_the_extra(tmp_path, monkeypatch, capsys):
-    (tmp_path / "own.toml").write_text(TEXT)
+def test_ray__missing_is_one_line_that_names_the_extra(command, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert main(["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray"]) == 2
-    assert 'needs Ray: pip install "' in capsys.readouterr().err
+    assert 'needs Ray: pip install "' in error_of(capsys, command)
 
 
-@pytest.mark.parametrize(("address", "shown"), [([], "on this machine"), (["10.0.0.1:6379"], "10.0.0.1:6379")])
-def test_ray__that_cannot_start_is_one_line(
-    tmp_path,
-    monkeypatch,
-    capsys,
-    address,
-    shown,
-):
-    def init(**_):
-        raise Exception("The current node timed out during startup.")
-
-    (tmp_path / "own.toml").write_text(TEXT)
+@pytest.mark.parametrize(("address", "shown"), [("", "on this machine"), ("10.0.0.1:6379", "10.0.0.1:6379")])
+def test_ray__that_cannot_start_is_one_line(command, monkeypatch, capsys, address, shown):
+    init = Mock(side_effect=Exception("The current node timed out during startup."))
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init))
-    command = ["experiment", str(tmp_path / "own.toml"), "--out", str(tmp_path / "out"), "--ray", *address]
-    assert main(command) == 2
-    assert f"--ray {shown}: The current node timed out during startup." in capsys.readouterr().err
+    refused = error_of(capsys, f"{command} {address}")
+    assert f"--ray {shown}: The current node timed out during startup." in refused
 
 
 @pytest.mark.long
@@ -107,12 +101,11 @@ def test_ray__runs_of_a_killed_node_are_finished_by_another(tmp_path):
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     lost = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
-    words = ["experiment", "own.toml", "--out", "results", "--jobs", "99", "--ray", cluster.address]
-    command = [sys.executable, "-m", "lilgym_mp", *words]
+    command = f"-m lilgym_mp experiment own.toml --out results --jobs 99 --ray {cluster.address}".split()
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     try:
-        with subprocess.Popen(command, cwd=tmp_path, env=environment, **pipes) as process:
+        with subprocess.Popen([sys.executable, *command], cwd=tmp_path, env=environment, **pipes) as process:
             while len(list((tmp_path / "results" / "runs").glob("*/progress.jsonl"))) < 2 and process.poll() is None:
                 time.sleep(0.2)
             cluster.remove_node(lost, allow_graceful=False)

@@ -33,10 +33,9 @@ def test_options__a_thing_has_no_second_name():
 
 @pytest.mark.parametrize("learner", sorted(LEARNERS))
 def test_recipes__keep_the_names_of_saved_runs_where_options_are_renamed(learner):
-    recipe = find_learner(learner).recipe
-    configuration = "" if find_learner(learner).config is None else "TowerFlipIt"
-    made = recipe.of(configuration)
-    assert recipe.from_json(made.to_json()) == made
+    found = find_learner(learner)
+    made = found.recipe.of("" if found.config is None else "TowerFlipIt")
+    assert found.recipe.from_json(made.to_json()) == made
 
 
 def test_documents__are_at_most_39_100_words_and_the_readme_900():

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from argparse import Namespace
-from threading import Thread
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -31,11 +31,8 @@ def test_main__runs_on_a_stream_without_reconfigure(monkeypatch):
     written = io.StringIO()
     monkeypatch.setattr(sys, "stdout", written)
     monkeypatch.setattr(sys, "argv", ["lilgym-mp", "explain", "--program", "exist(all_items)"])
-    codes = []
-    thread = Thread(target=lambda: codes.append(main()))  # signals are for the main thread alone
-    thread.start()
-    thread.join()
-    assert codes == [0]
+    with ThreadPoolExecutor() as threads:  # signals are for the main thread alone
+        assert threads.submit(main).result() == 0
     assert "all_items" in written.getvalue()
 
 

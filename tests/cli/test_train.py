@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -21,15 +22,6 @@ from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.json_files import read_json, read_json_lines
 
 SMALL = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"
-
-
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch):
-    """More threads would slow down parallel tests."""
-    import torch
-
-    torch.set_num_threads(1)
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +45,7 @@ def test_train__options_override_the_recipe(tmp_path, own):
     written = read_json(tmp_path / "run.json")["identity"]
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
-    assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
+    assert written["recipe"].items() >= {**expected, "seed": 4}.items()
 
 
 @pytest.mark.parametrize(
@@ -79,17 +71,16 @@ def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monk
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
     succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} --tensorboard --out", tmp_path)
     lines = read_json_lines(tmp_path / "progress.jsonl")
-    losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
+    assert lines
+    losses = [row for row in written if row[0] == "value_loss"]
     assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
-    assert losses
 
 
 def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
-    assert "--tensorboard needs tensorboard: pip install tensorboard" in error_of(
-        capsys, "train ppo TowerScratch --tensorboard --out", tmp_path / "run"
-    )
+    refused = error_of(capsys, "train ppo TowerScratch --tensorboard --out", tmp_path / "run")
+    assert "--tensorboard needs tensorboard: pip install tensorboard" in refused
     assert not (tmp_path / "run").exists()
 
 
@@ -97,13 +88,9 @@ def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch,
 def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     """In a terminal, Ctrl-C signals the whole process group."""
     directory = tmp_path / "run"
-    program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
-    (tmp_path / "main.py").write_text(program)
-    words = f"train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}".split()
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen(
-        [sys.executable, tmp_path / "main.py", *words], **pipes, text=True, start_new_session=True
-    ) as process:
+    words = f"-m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}".split()
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, *words], **pipes, start_new_session=True) as process:
         while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
@@ -112,19 +99,12 @@ def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
     assert process.returncode == 130, errors
     assert f"saved {directory / 'agent.safetensors'}" in output
     assert f"resume with: lilgym-mp train ppo --resume --out {directory}" in output
-    assert ends(process.pid)
-
-
-def ends(group, seconds=30.0):
-    """Whether all processes of the group end in time."""
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.05)
-    return False
+    deadline = time.monotonic() + 30
+    with suppress(ProcessLookupError):  # once all processes of the group have ended
+        while time.monotonic() < deadline:
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
+    assert time.monotonic() < deadline
 
 
 def names(output):
@@ -139,9 +119,8 @@ def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run
     assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert "\nTowerScratch, 3 episodes\n" in output
     assert "rewards, and programs to exchange colours" in output
-    written = read_json(tmp_path / "results.json")
-    agent = written["results"][0]
-    assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
+    agent = read_json(tmp_path / "results.json")["results"][0]
+    assert agent.items() >= {"configuration": "TowerScratch", "split": "dev", "start_scenes": 3}.items()
     assert agent["supervision"].startswith("rewards, and programs to exchange colours (corpus")
     assert agent["recipe"]["recolour"] is True
     assert 0 <= agent["accuracy"] <= 1
@@ -170,22 +149,20 @@ def test_explain__explains_a_task_with_its_outcome(capsys):
 def test_explain__parses_the_statements_of_a_file(capsys, tmp_path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax,\x0ban even one.\r\n", newline="")
     block, blank, zorblax = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.txt"))
-    assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
+    assert block["words"][-1] == "block"
     assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
-    assert (blank["line"], blank["statement"], blank["programs"]) == (2, "", [])
-    assert (zorblax["line"], zorblax["unknown"]) == (3, ["zorblax"])
+    assert block.items() >= {"corrections": {"bloc": "block"}, "unknown": [], "uncertain": []}.items()
+    assert blank.items() >= {"line": 2, "statement": "", "programs": []}.items()
+    assert zorblax.items() >= {"line": 3, "unknown": ["zorblax"]}.items()
     assert zorblax["programs"][0]["probability"] <= 1 / 3
-    assert (block["uncertain"], zorblax["uncertain"][0][:13]) == ([], "unknown, 1 of")
+    assert zorblax["uncertain"][0].startswith("unknown, 1 of")
 
 
 def test_explain__reads_a_csv_file_by_its_header(capsys, tmp_path):
     (tmp_path / "own.csv").write_text('\nid,note,Sentence\n7,"two\nlines",It is blue.\n,,\n8,x,"One, even."\n')
     found = json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv"))
-    assert [(each["line"], each["id"], each["statement"]) for each in found] == [
-        (3, "7", "It is blue."),
-        (5, "", ""),
-        (6, "8", "One, even."),
-    ]
+    rows = [(each["line"], each["id"], each["statement"]) for each in found]
+    assert rows == [(3, "7", "It is blue."), (5, "", ""), (6, "8", "One, even.")]
     (tmp_path / "own.csv").write_text("id,sentence\n")
     assert json.loads(output_of(capsys, "explain --json --file", tmp_path / "own.csv")) == []
 
@@ -226,9 +203,9 @@ def test_evaluate__records_each_action_mode(capsys, tmp_path, run, own):
     command = f"evaluate {run} --corpus {own} --name mine --record {tmp_path / 'kept'}"
     assert ", sampled " in output_of(capsys, f"{command} --policy random-type")
     headers = [read_episodes(path).header for path in (tmp_path / "kept").glob("*.gz")]
-    assert {(header.agent, header.actions, header.mask) for header in headers} == {
-        *(("mine", actions, True) for actions in ("greedy", "sampled")),
-        ("random type", "sampled", False),
+    assert {(header.agent, header.actions, header.mask, header.training_seed) for header in headers} == {
+        ("mine", "greedy", True, 0),
+        ("mine", "sampled", True, 0),
+        ("random type", "sampled", False, None),
     }
-    assert {header.training_seed for header in headers if header.agent == "mine"} == {0}
     assert lilgym(command) == USAGE_ERROR  # the files exist

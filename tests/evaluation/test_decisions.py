@@ -7,27 +7,27 @@ import pytest
 
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
-from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.policies import built_in_policy, random_legal
-from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.results import EvaluationPlan
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import make_appearance
-from tests.corpora import write_own_corpus
+from tests.evaluation.records import record
 
 TOWER = make_appearance("tower", (19, 5))
 SCATTER = make_appearance("scatter", (19, 5))
 ALL_LEGAL = np.ones((1, TOWER.action_count), np.bool_)
 
 
-def record(directory, name, configuration="TowerScratch", *, judges=False):
-    directory.mkdir(exist_ok=True)
-    own = write_own_corpus(directory / "own.jsonl")
-    plan = EvaluationPlan(Settings(configuration, corpus=str(own)), "dev", record_decisions=True)
-    seen = training_statements(plan.settings)
-    recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=judges)
-    return read_episodes(recorder.write(directory, play(built_in_policy(name), plan, seen)))
+@pytest.fixture
+def episodes(own, tmp_path):
+    """A function that gives the recorded episodes of a policy, with their decisions."""
+
+    def played(name, configuration="TowerScratch", **options):
+        plan = EvaluationPlan(Settings(configuration, corpus=own), "dev", record_decisions=True)
+        return record(tmp_path / name, built_in_policy(name), plan, **options).episodes
+
+    return played
 
 
 def tower_output(**probabilities):
@@ -40,7 +40,7 @@ def tower_output(**probabilities):
 
 
 def test_decision__sums_probabilities_by_type_and_cell():
-    found = decisions(tower_output(stop=0.1, add=0.4, add_too=0.2, remove=0.3), ALL_LEGAL, TOWER)[0]
+    (found,) = decisions(tower_output(stop=0.1, add=0.4, add_too=0.2, remove=0.3), ALL_LEGAL, TOWER)
     assert found.types == (0.1, 0.6, 0.3)
     assert found.add_cells == {1: 0.6}
     assert found.remove_cells == {2: 0.3}
@@ -66,8 +66,8 @@ def test_action_cells__scatter_indices_are_column_major():
 
 
 @pytest.mark.parametrize(("name", "configuration"), [("expert", "TowerScratch"), ("random-legal", "ScatterFlipIt")])
-def test_record__built_in_policies_have_distributions(tmp_path, name, configuration):
-    for episode in record(tmp_path, name, configuration).episodes:
+def test_record__built_in_policies_have_distributions(episodes, name, configuration):
+    for episode in episodes(name, configuration):
         assert len(episode.decisions) == len(episode.actions)
         for decision in episode.decisions:
             assert sum(decision.types) == pytest.approx(1, abs=1e-3)
@@ -75,13 +75,12 @@ def test_record__built_in_policies_have_distributions(tmp_path, name, configurat
             assert decision.legal[0] == 1
 
 
-def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path):
-    best = record(tmp_path / "best", "expert", judges=True).episodes
-    assert all(decision.optimal for episode in best for decision in episode.decisions or ())
-    first = [episode.decisions[0] for episode in best if episode.decisions]
-    assert [decision.steps_to_go for decision in first] == [len(episode.actions) for episode in best]
-    worse = record(tmp_path / "worse", "random-legal", judges=True).episodes
-    ends = [episode.decisions[-1] for episode in worse if episode.decisions and not episode.is_success]
+def test_record__expert_judges_itself_optimal_and_failed_episodes_not(episodes):
+    best = episodes("expert", judges_decisions=True)
+    assert all(decision.optimal for episode in best for decision in episode.decisions)
+    assert [episode.decisions[0].steps_to_go for episode in best] == [len(episode.actions) for episode in best]
+    worse = episodes("random-legal", judges_decisions=True)
+    ends = [episode.decisions[-1] for episode in worse if not episode.is_success]
     assert ends
     assert not any(decision.optimal for decision in ends)
 

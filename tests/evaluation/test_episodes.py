@@ -17,23 +17,18 @@ from lilgym_mp.evaluation.episode_files import read_episodes, write_episodes
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Policy, built_in_policy
-from lilgym_mp.evaluation.recording import Recorder, episodes_file
+from lilgym_mp.evaluation.recording import episodes_file
 from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.command_line import succeeds
+from tests.evaluation.records import record
 from tests.scripts import ROOT, load_script
 
 RUNS = ROOT / "docs" / "results" / "runs.csv"
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
-
-
-def record(directory, named, plan=TOWER, **options):
-    seen = training_statements(plan.settings)
-    recorder = Recorder(plan.settings, plan.split, seen, **options)
-    return read_episodes(recorder.write(directory, play(named, plan, seen)))
 
 
 class AddsThenStops(Policy):
@@ -50,19 +45,15 @@ SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing",
 
 
 def test_record__contains_the_episodes_and_their_tasks(tmp_path):
-    found = record(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
+    policy, plan = built_in_policy("random-legal"), replace(TOWER, seed=7)
+    found = record(tmp_path, policy, plan)
     seen = training_statements(TOWER.settings)
-    episodes = play(built_in_policy("random-legal"), replace(TOWER, seed=7), seen).episodes
-    env = TOWER.settings.make("dev")
-    assert [episode.task for episode in found.episodes] == [episode.task for episode in episodes]
-    for kept, played in zip(found.episodes, episodes, strict=True):
-        task = env.tasks.by_id(kept.task)
-        assert kept.rewards == played.rewards
-        assert kept.actions == played.actions
-        assert (kept.outcome, kept.invalid_reason) == (played.outcome, played.invalid_reason)
+    tasks, forms = TOWER.settings.tasks("dev"), set(map(statement_form, seen))
+    for kept, played in zip(found.episodes, play(policy, plan, seen).episodes, strict=True):
+        task = tasks.by_id(kept.task)
         assert (kept.start, kept.target, kept.program) == (task.start, task.target, task.program)
-        assert kept.statement_seen == (task.statement in seen)
-        assert kept.form_seen == (statement_form(task.statement) in set(map(statement_form, seen)))
+        form_seen = statement_form(task.statement) in forms
+        assert kept == replace(played, statement_seen=task.statement in seen, form_seen=form_seen)
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
@@ -84,43 +75,33 @@ def test_record__contains_actions_and_stop_probabilities(recording):
 
 
 def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path):
-    found = record(tmp_path, SIMPLE, with_expert=True)
-    wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
-    assert wrong
-    assert all(episode.actions_left is not None and episode.actions_left > 1 for episode in wrong)
-    best = record(tmp_path, built_in_policy("expert"), with_expert=True).episodes
-    assert all(episode.optimal_actions == len(episode.actions) for episode in best)
-    assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found.episodes]
-    assert not any(episode.edits for episode in record(tmp_path, SIMPLE).episodes)
+    found = record(tmp_path, SIMPLE, TOWER, with_expert=True).episodes
+    left = [episode.actions_left for episode in found if episode.outcome == "wrong_stop"]
+    assert min(left) > 1
+    best = record(tmp_path, built_in_policy("expert"), TOWER, with_expert=True).episodes
+    needed = [len(episode.actions) for episode in best]
+    assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found] == needed
+    assert not any(episode.edits for episode in record(tmp_path, SIMPLE, TOWER).episodes)
 
 
 def test_record__equal_evaluations_give_equal_bytes(tmp_path):
-    named = built_in_policy("random-type")
-    paths = [record(tmp_path / name, named).path for name in ("one", "two")]
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert [path.name for path in (tmp_path / "one").iterdir()] == [paths[0].name]
+    one, two = (record(tmp_path / name, built_in_policy("random-type"), TOWER).path for name in ("one", "two"))
+    assert one.read_bytes() == two.read_bytes()
+    assert [*one.parent.iterdir()] == [one]
 
 
 def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
-    settings = Settings("TowerScratch")
-    long = NamedPolicy("imitation (" + "a/long/place/" * 20 + "0)", SIMPLE.policy)
-    other = NamedPolicy("imitation (" + "a/long/place/" * 20 + "1)", SIMPLE.policy)
-    recorded = [
-        (SIMPLE, settings, "dev", 0),
-        (SIMPLE, settings, "dev", 1),
-        (SIMPLE, settings, "test", 0),
-        (SIMPLE, Settings("TowerFlipIt"), "dev", 0),
-        (long, settings, "dev", 0),
-        (other, settings, "dev", 0),
-    ]
-    names = {episodes_file(Path(), *each).name for each in recorded}
-    assert len(names) == len(recorded)
+    first = {"named": SIMPLE, "settings": TOWER.settings, "split": "dev", "seed": 0}
+    changes = [{}, {"seed": 1}, {"split": "test"}, {"settings": Settings("TowerFlipIt")}]
+    changes += [{"named": replace(SIMPLE, name=f"imitation ({'a/long/place/' * 20}{end})")} for end in "01"]
+    names = {episodes_file(Path(), **first | change).name for change in changes}
+    assert len(names) == len(changes)
     assert max(map(len, names)) < 120
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    return record(tmp_path_factory.mktemp("recorded"), SIMPLE).path
+    return record(tmp_path_factory.mktemp("recorded"), SIMPLE, TOWER).path
 
 
 @pytest.fixture
