@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -37,6 +38,16 @@ def own(tmp_path_factory):
     from tests.corpora import write_own_corpus
 
     return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """A terminal as the standard error stream."""
+    from tests.command_line import Terminal
+
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", Terminal())
+    return sys.stderr
 
 
 @pytest.fixture

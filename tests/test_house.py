@@ -15,12 +15,14 @@ from contextlib import suppress
 from enum import Enum
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 import lilgym_mp
 from lilgym_mp import cli
 from lilgym_mp.corpus import extras
+from tests.command_line import python
 from tests.scripts import ROOT, load_script, needs
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -29,6 +31,7 @@ EXTRAS = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
 PACKAGE_NODES, TEST_NODES = 384_100, 198_000  # most syntax nodes; lower them as code goes
 PAGE_AND_DATA_LINES = 2_130 + 1_774  # most lines of JavaScript, CSS and HTML, and of TOML in data
+SETUP = "from setuptools import setup; setup()"
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 WITHOUT_NUMBA = """
 import sys
@@ -73,13 +76,11 @@ print(json.dumps(found))
 """
 
 
-def _run(*command, cwd=ROOT):
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
-
-
-def _passes(*command, cwd=ROOT):
-    done = _run(*command, cwd=cwd)
+def _passes(*arguments, cwd=ROOT):
+    """What Python, which must succeed, prints."""
+    done = python(*arguments, cwd=cwd)
     assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 def _package_directories():
@@ -98,7 +99,7 @@ def installed_form(tmp_path_factory):
     """The package in the layout of a wheel."""
     needs("setuptools")
     place = tmp_path_factory.mktemp("installed")
-    _passes(sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place)
+    _passes("-c", SETUP, "-q", "build_py", "--build-lib", place)
     return place
 
 
@@ -121,8 +122,7 @@ def test_packaging__every_module_and_data_file_is_shipped(installed_form):
 @pytest.mark.long
 def test_packaging__a_source_distribution_has_the_package_its_tests_and_documents(tmp_path):
     needs("setuptools")
-    program = "from setuptools import setup; setup()"
-    _passes(sys.executable, "-c", program, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
+    _passes("-c", SETUP, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
     (packed,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(packed) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
@@ -140,14 +140,13 @@ def test_packaging__wrappers_and_data_are_imported_from_the_package(layout, requ
         import lilgym_mp.wrappers, lilgym_mp.data
         print(lilgym_mp.wrappers.__file__, lilgym_mp.data.__file__, sep="\\n")
     """
-    done = _run(sys.executable, "-c", program, place, cwd=place)
-    assert done.returncode == 0, done.stderr
-    assert all(Path(path).is_relative_to(place) for path in done.stdout.splitlines()), done.stdout
+    paths = _passes("-c", program, place, cwd=place).splitlines()
+    assert [path for path in paths if not Path(path).is_relative_to(place)] == []
 
 
 def test_packaging__a_checkout_that_is_not_installed_says_how_to_install_it(tmp_path):
     shutil.copytree(ROOT / "lilgym_mp", tmp_path / "lilgym_mp", ignore=shutil.ignore_patterns("wrappers", "data"))
-    done = _run(sys.executable, "-c", "import lilgym_mp", cwd=tmp_path)
+    done = python("-c", "import lilgym_mp", cwd=tmp_path)
     assert done.returncode == 1
     message = done.stderr.splitlines()[-1]
     assert message.startswith("ImportError")
@@ -158,9 +157,7 @@ def test_packaging__a_checkout_that_is_not_installed_says_how_to_install_it(tmp_
 @pytest.fixture(scope="module")
 def fresh():
     """What a new process finds that imports the package."""
-    done = _run(sys.executable, "-c", FRESH)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(_passes("-c", FRESH))
 
 
 def test_packaging__nothing_beside_the_package_is_imported_from_it(fresh):
@@ -188,14 +185,14 @@ def test_import__shows_what_users_use():
 
 
 def test_core__plays_without_numba_and_without_generated_code():
-    done = _run(sys.executable, "-c", WITHOUT_NUMBA + PLAY)
+    done = python("-c", WITHOUT_NUMBA + PLAY, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("RuntimeWarning: programs are evaluated slowly") == 1
 
 
 @pytest.mark.long
 def test_core__plays_without_docstrings():
-    _passes(sys.executable, "-OO", "-c", PLAY)
+    _passes("-OO", "-c", PLAY)
 
 
 @pytest.mark.parametrize(
@@ -236,10 +233,7 @@ def test_load_agent__without_torch_names_the_extra(monkeypatch):
 
 
 def test_install__of_a_checkout_that_is_not_installed(monkeypatch):
-    def missing(name):
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr(extras, "requires", missing)
+    monkeypatch.setattr(extras, "requires", Mock(side_effect=PackageNotFoundError))
     assert extras.install("report") == 'pip install ".[report]" (the extra report)'
 
 
@@ -296,19 +290,18 @@ def test_docs__list_arguments_results_and_errors_in_sections(name):
     except ModuleNotFoundError as missing:
         pytest.skip(f"{missing.name} is not installed")
     if inspect.isfunction(found):
-        text = inspect.getdoc(found) or ""
-        assert "Returns:" in text or inspect.signature(found).return_annotation == "None"
-        documented = [(found, text)]
+        assert "Returns:" in inspect.getdoc(found) or inspect.signature(found).return_annotation == "None"
+        documented = [found]
     else:
-        methods = list(_documented_methods(found)) if inspect.isclass(found) else []
-        documented = [(method, inspect.getdoc(method) or "") for method in methods]
+        documented = _documented_methods(found) if inspect.isclass(found) else []
     if inspect.isclass(found) and not issubclass(found, Enum) and not inspect.isabstract(found):
-        constructor = "" if found.__init__ is object.__init__ else inspect.getdoc(found.__init__) or ""
-        text = f"{inspect.getdoc(found)}\n{constructor}"
-        if found.__init__ is not object.__init__ and not issubclass(found, Exception):
+        inherits = found.__init__ is object.__init__
+        text = inspect.getdoc(found) + ("" if inherits else f"\n{inspect.getdoc(found.__init__)}")
+        if not inherits and not issubclass(found, Exception):
             assert re.search("^(Args|Attributes):", text, re.M) or getattr(found, "_is_protocol", False)
         assert not re.search(r"\bRaises [A-Z]", text)
-    for function, text in documented:
+    for function in documented:
+        text = inspect.getdoc(function)
         assert "Args:" in text or not set(inspect.signature(function).parameters) - {"self", "cls"}, function
         assert not re.search(r"\bRaises [A-Z]", text), function
 
@@ -325,7 +318,8 @@ def _words(text):
 
 
 def _project_files():
-    done = _run("git", "ls-files", "--cached", "--others", "--exclude-standard")
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip("not a git checkout, so the project's files cannot be listed")
     return [path for name in done.stdout.splitlines() if (path := ROOT / name).is_file()]
@@ -357,11 +351,11 @@ def test_editable_install__lets_type_checkers_find_the_wrappers(tmp_path):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
     program = "import sys; sys.path.insert(0, 'scripts'); import build_backend; build_backend.build_editable('.')"
-    _passes(sys.executable, "-c", program, cwd=tmp_path)
+    _passes("-c", program, cwd=tmp_path)
     (tree,) = (tmp_path / "build").glob("__editable__.*")
     shutil.copy(ROOT / "wrappers" / "__init__.py", tmp_path / "wrappers" / "added.py")
     user = tmp_path / "user"
     user.mkdir()
     (user / "script.py").write_text("from lilgym_mp.wrappers.added import stop_forcing_v0\nimport lilgym_mp.data\n")
     (user / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(tree)]}))
-    _passes(sys.executable, "-m", "pyright", "--project", str(user), cwd=user)
+    _passes("-m", "pyright", "--project", str(user), cwd=user)

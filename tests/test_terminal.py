@@ -4,22 +4,13 @@ from queue import Queue
 
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.render.characters import text
-from tests.command_line import Terminal
+from tests.command_line import succeeds
 
 
-def terminal_as_stderr(monkeypatch):
-    monkeypatch.setenv("TERM", "xterm")
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    return terminal
-
-
-def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(monkeypatch, capsys):
-    terminal = terminal_as_stderr(monkeypatch)
+def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(terminal, capsys):
     with Progress(10, "tasks", done=2) as progress:
         print("a result")
         progress.advance(5, "8 solved")
@@ -29,8 +20,7 @@ def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(mo
     assert "a result" not in terminal.getvalue()
 
 
-def test_progress__on_a_dumb_terminal_writes_no_escapes(monkeypatch):
-    terminal = terminal_as_stderr(monkeypatch)
+def test_progress__on_a_dumb_terminal_writes_no_escapes(terminal, monkeypatch):
     monkeypatch.setattr("sys.stdout", terminal)
     assert shows_colours()
     monkeypatch.setenv("TERM", "dumb")
@@ -77,27 +67,21 @@ COMMANDS = {  # long-running commands, and the progress they end with
 
 
 def test_commands__print_progress_on_stderr(capsys):
-    assert main(["solve", "TowerScratch", "--episodes", "2"]) == 0
+    succeeds("solve TowerScratch --episodes 2")
     assert "2 of 2 tasks" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command, tmp_path, monkeypatch):
+def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command, terminal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # `llm play` writes its transcripts
-    terminal = terminal_as_stderr(monkeypatch)
-    assert main(command.split()) == 0
+    succeeds(command)
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
     assert "0:00\x1b[0m left" in terminal.getvalue()
 
 
 def test_table__aligns_numbers_right_and_text_left():
-    assert table(["name", "count"], [("a", 1_000), ("long", None), ("b", 2.5)]).splitlines() == [
-        "name  count",
-        "-----------",
-        "a     1,000",
-        "long      -",
-        "b       2.5",
-    ]
+    shown = table(["name", "count"], [("a", 1_000), ("long", None), ("b", 2.5)])
+    assert shown.split("\n") == ["name  count", "-----------", "a     1,000", "long      -", "b       2.5"]
 
 
 @pytest.mark.parametrize("width", [30, 120])
@@ -117,13 +101,9 @@ def test_table__fits_columns_without_a_terminal(monkeypatch):
 
 
 def test_table__repeats_the_columns_that_name_a_row():
-    lines = table(
-        ["proposer", "verifier", "games", "success"], [["expert", "oracle", 788, 100.0]], 28, keys=2
-    ).splitlines()
-    assert [line.split() for line in lines if "expert" in line] == [
-        ["expert", "oracle", "788"],
-        ["expert", "oracle", "100.0"],
-    ]
+    text = table(["proposer", "verifier", "games", "success"], [["expert", "oracle", 788, 100.0]], 28, keys=2)
+    rows = [line.split() for line in text.splitlines() if "expert" in line]
+    assert rows == [["expert", "oracle", "788"], ["expert", "oracle", "100.0"]]
 
 
 def test_text__has_letters_beside_colours_and_a_seam_below_each_block():
