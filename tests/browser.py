@@ -25,6 +25,17 @@ class Watched:
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
         self.page.on("console", self._record_message)
 
+    def violations(self, options="{}"):
+        """What axe-core says against the page's accessibility, with HTML."""
+        self.page.evaluate(axe_script())
+        check = "violations.map(one => [one.id, one.nodes.map(node => node.html)])"
+        return self.page.evaluate(f"async () => (await axe.run({options})).{check}")
+
+    def is_dark(self):
+        """Whether the page's background is dark."""
+        colour = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+        return max(self.page.evaluate(colour)) < 100
+
     def _record_request(self, url):
         if urlsplit(url).scheme not in LOCAL:
             self.requests.append(url)
@@ -56,15 +67,7 @@ def axe_script():
 
 
 @contextmanager
-def watched_page(
-    browser,
-    width=1280,
-    height=900,
-    *,
-    url=None,
-    dark=False,
-    bypass_csp=False,
-):
+def watched_page(browser, width=1280, height=900, *, url=None, dark=False, bypass_csp=False):
     """A new page in a window of the given size in pixels; paths are relative to `url`."""
     context = browser.new_context(
         viewport={"width": width, "height": height},

@@ -58,9 +58,10 @@ def check_truths(corpus, split, step, count):
         for statement, program in sorted({(task.statement, task.program) for task in tasks})[::step]:
             if recolourable(statement, program):
                 found += 1
+                truths = [*map(compile_program(program), scenes)]
                 for recolouring in RECOLOURINGS[1:]:
-                    before, after = compile_program(program), compile_program(recolouring.text(program))
-                    assert [after(recolouring.scene(shown)) for shown in scenes] == [before(shown) for shown in scenes]
+                    recoloured = map(recolouring.scene, scenes)
+                    assert [*map(compile_program(recolouring.text(program)), recoloured)] == truths
     return found
 
 

@@ -14,6 +14,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
 from tests.command_line import python
 from tests.corpora import BLUE
+from tests.scripts import needs
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
@@ -47,10 +48,10 @@ def test_masks_by_slots__allow_just_the_values_of_legal_actions(id):
     env = MultiDiscreteActions(gym.make(id), masks="slots")
     env.reset(seed=0)
     base = env.unwrapped
-    arrays = np.array([base.decode_action(index) for index in np.flatnonzero(base.action_masks()).tolist()])
+    arrays = [base.decode_action(index) for index in np.flatnonzero(base.action_masks()).tolist()]
     flags = np.split(env.action_masks(), np.cumsum(env.action_space.nvec)[:-1])
-    for slot, allowed in enumerate(flags):
-        assert set(np.flatnonzero(allowed).tolist()) == set(arrays[:, slot].tolist()) - {-1}
+    for values, allowed in zip(zip(*arrays, strict=True), flags, strict=True):
+        assert {-1, *np.flatnonzero(allowed).tolist()} == {-1, *values}
 
 
 def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
@@ -106,10 +107,9 @@ except ImportError as fault:
     print(fault)
 """
     done = python("-c", code)
-    assert done.stdout.splitlines() == [
-        "['proposer_0', 'verifier_0']",
-        f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
-    ], done.stderr
+    seen, fault = done.stdout.splitlines()
+    assert seen == "['proposer_0', 'verifier_0']", done.stderr
+    assert fault == f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}"
 
 
 # A script as in docs/wrappers.md: `make` refers to modules of `__main__`, which cloudpickle copies with it.
@@ -125,19 +125,19 @@ def make():
 if __name__ == "__main__":
     {use}
 """
-USES = {
-    "SB3's SubprocVecEnv": """
+USES = {  # by the package that sends it
+    "stable_baselines3": """
     from stable_baselines3.common.vec_env import SubprocVecEnv
     env = SubprocVecEnv([make], start_method="spawn")
     env.reset()
     print(env.step([0])[2].tolist())
     env.close()""",
-    "Gymnasium's AsyncVectorEnv": """
+    "gymnasium": """
     env = gym.vector.AsyncVectorEnv([make], context="spawn")
     env.reset(seed=0)
     print(env.step([0])[2].tolist())
     env.close()""",
-    "Ray": """
+    "ray": """
     import ray
     ray.init(num_cpus=1, include_dashboard=False, log_to_driver=False)
 
@@ -150,14 +150,13 @@ USES = {
     print(ray.get(play.remote()))
     ray.shutdown()""",
 }
-NEEDED = {"SB3's SubprocVecEnv": "stable_baselines3", "Gymnasium's AsyncVectorEnv": "gymnasium", "Ray": "ray"}
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("use", NEEDED)
-def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(use, tmp_path):
-    pytest.importorskip(NEEDED[use], reason=f"needs the package {NEEDED[use]}")
+@pytest.mark.parametrize("package", USES)
+def test_a_script_that_names_modules_of_the_package__is_sent_to_other_processes(package, tmp_path):
+    needs(package)
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(use=USES[use].strip()))
+    script.write_text(SCRIPT.format(use=USES[package].strip()))
     done = python(script, cwd=tmp_path)
     assert done.stdout.splitlines()[-1:] == ["[True]"], done.stderr

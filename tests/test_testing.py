@@ -40,15 +40,18 @@ def test_single(id, rules):
     ids=str,
 )
 def test_batch(id, num_envs, settings):
+    check_batch(id, settings, num_envs=num_envs)
+
+
+@pytest.mark.usefixtures("official_data")
+@pytest.mark.parametrize("id", [TOWER_FLIPIT, SCATTER_FLIPIT])
+def test_batch__of_official_tasks(id):
+    check_batch(id, {"corpus": "lilgym", "split": "dev", "rules": "release"}, modes=[AutoresetMode.SAME_STEP])
+
+
+def check_batch(id, settings, **options):
     make, single = partial(gym.make_vec, id, **settings), partial(gym.make, id, **settings)
-    testing.check_vector_env(make, single, num_envs=num_envs, steps=10)
-
-
-def test_batch__of_official_tasks(official_data):
-    settings = {"corpus": "lilgym", "split": "dev", "rules": "release"}
-    for id in (TOWER_FLIPIT, SCATTER_FLIPIT):
-        make, single = partial(gym.make_vec, id, **settings), partial(gym.make, id, **settings)
-        testing.check_vector_env(make, single, modes=[AutoresetMode.SAME_STEP], steps=10)
+    testing.check_vector_env(make, single, steps=10, **options)
 
 
 @pytest.mark.parametrize(
@@ -70,24 +73,24 @@ def test_workers(id, num_envs, settings, modes):
     check(partial(WorkerVectorEnv, id, **{"num_workers": 2, **settings}), lambda: gym.make(id, rules=rules))
 
 
+MASKED = {"wrap": partial(stop_forcing_v0, mode="mask")}
+
+
 @pytest.mark.parametrize(
     ("id", "backend", "settings"),
     [
         (TOWER_FLIPIT, "batched", {"wrap": action_mask_v0}),
         (SCATTER_FLIPIT, "batched", {"wrap": partial(stop_forcing_v0, mode="replace"), "rules": "release"}),
-        (TOWER_FLIPIT, "dummy", {"wrap": partial(stop_forcing_v0, mode="mask")}),
-        pytest.param(
-            *(TOWER_FLIPIT, "subproc", {"wrap": partial(stop_forcing_v0, mode="mask"), "start_method": "fork"}),
-            marks=pytest.mark.long,
-        ),
-        (SCATTER_FLIPIT, "workers", {"wrap": partial(stop_forcing_v0, mode="mask"), "num_workers": 2}),
+        (TOWER_FLIPIT, "dummy", MASKED),
+        pytest.param(TOWER_FLIPIT, "subproc", {**MASKED, "start_method": "fork"}, marks=pytest.mark.long),
+        (SCATTER_FLIPIT, "workers", {**MASKED, "num_workers": 2}),
     ],
 )
 def test_sb3(id, backend, settings):
     pytest.importorskip("stable_baselines3")
     from lilgym_mp.sb3 import make_vec_env
 
-    wrap, rules = settings.get("wrap", lambda env: env), settings.get("rules", "paper")
+    wrap, rules = settings["wrap"], settings.get("rules", "paper")
     single = lambda: wrap(gym.make(id, observation="arrays", rules=rules))  # noqa: E731
     testing.check_sb3_env(lambda: make_vec_env(id, 4, backend, **settings), single, steps=15)
 
@@ -227,37 +230,32 @@ def test_check_vector_env__finds(mode, change):
         testing.check_vector_env(partial(ChangedVector, change), lambda: gym.make(TOWER), num_envs=3, modes=[mode])
 
 
-def test_check_sb3_env__finds():
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("terminal_observation", lambda last: {**last, "image": last["image"] * 0}, "'image' in 'terminal_"),
+        ("TimeLimit.truncated", lambda truncated: not truncated, "'TimeLimit.truncated' in part"),
+    ],
+)
+def test_check_sb3_env__finds(name, change, message):
     pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.vec_env import VecEnvWrapper
 
     from lilgym_mp.sb3 import make_vec_env
 
     class ChangedSB3(VecEnvWrapper):
-        def __init__(self, name, change):
-            super().__init__(make_vec_env(TOWER, 3))
-            self.name, self.change = name, change
-
         def reset(self):
             return self.venv.reset()
 
         def step_wait(self):
             *results, infos = self.venv.step_wait()
             for env_id in np.flatnonzero(results[2]):
-                infos[env_id][self.name] = self.change(infos[env_id][self.name])
+                infos[env_id][name] = change(infos[env_id][name])
             return *results, infos
 
     single = partial(gym.make, TOWER, observation="arrays")
-    for name, change, message in (
-        (
-            "terminal_observation",
-            lambda last: {**last, "image": last["image"] * 0},
-            "'image' in 'terminal_",
-        ),
-        ("TimeLimit.truncated", lambda truncated: not truncated, "'TimeLimit.truncated' in part"),
-    ):
-        with pytest.raises(AssertionError, match=message):
-            testing.check_sb3_env(partial(ChangedSB3, name, change), single)
+    with pytest.raises(AssertionError, match=message):
+        testing.check_sb3_env(lambda: ChangedSB3(make_vec_env(TOWER, 3)), single)
 
 
 def test_check_game__finds(monkeypatch):
@@ -276,14 +274,10 @@ def test_check_game__finds(monkeypatch):
             observations, rewards, *rest = super().step(actions)
             return observations, dict(zip(rewards, reversed(rewards.values()), strict=True)), *rest
 
+    single = partial(parallel_env, rewards="correctness")
     for broken, message in ((Allowing, "'action_mask' in"), (Swapping, "'proposer_0' in 'reward' in part . of step")):
         with pytest.raises(AssertionError, match=message):
-            testing.check_batched_games(
-                partial(broken, rewards="correctness"),
-                partial(parallel_env, rewards="correctness"),
-                num_games=3,
-                steps=12,
-            )
+            testing.check_batched_games(partial(broken, rewards="correctness"), single, num_games=3, steps=12)
     game = parallel_env()
     monkeypatch.setattr(game, "reset", lambda seed=None, options=None: type(game).reset(game))
     with pytest.raises(AssertionError, match="with the same seed"):

@@ -11,7 +11,7 @@ from PIL import Image
 
 from lilgym_mp.contrib.report import make_report
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from tests.browser import axe_script, chromium, watched_page
+from tests.browser import chromium, watched_page
 from tests.report.recordings import EPISODES, written
 
 AGENTS = ("imitation", "parse-and-plan", "ppo from imitation, sampled")
@@ -81,11 +81,8 @@ def test_report__passes_axe_and_folds_what_is_long(browser, report, *, dark):
         rows = "details => details.map(each => each.querySelectorAll('tbody tr').length)"
         assert max(watched.page.locator("section:not(:has(details)) table").evaluate_all(rows)) <= 24
         watched.page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
-        watched.page.add_script_tag(content=axe_script())
-        violations = watched.page.evaluate("async () => (await axe.run()).violations.map(one => [one.id, one.nodes])")
-        assert violations == []
-        ground = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
-        assert (max(watched.page.evaluate(ground)) < 100) == dark
+        assert watched.violations() == []
+        assert watched.is_dark() == dark
 
 
 def test_printed_report__has_every_column_of_every_table(browser, report, tmp_path):
