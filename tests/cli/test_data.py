@@ -1,13 +1,10 @@
 """`lilgym-mp data ...`: its output, files and errors."""
 
-import json
-
 import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
-from tests.corpora import entry, register_as_official, small_entries, write_released
-from tests.json_files import read_json
+from tests.corpora import register_as_official, small_entries, write_released, write_statements
 
 
 @pytest.fixture
@@ -117,12 +114,9 @@ def test_split__names_its_corpus_by_a_path_relative_to_its_own(data, own, tmp_pa
     lists.parent.mkdir()
     data("split", own, "--by", "form", "--out", lists)
     assert "no faults" in data("check", lists)
-    written = read_json(lists)
-    written["statements"]["tower train"] += ["of an earlier version"]
-    lists.write_text(json.dumps(written))
-    with pytest.raises(
-        CorpusError, match=r"has ids that are not in .*own\.jsonl \(tower train\): of an earlier version"
-    ):
+    lists.write_text(lists.read_text().replace('"tower train": [', '"tower train": ["of an earlier version", '))
+    unknown = r"has ids that are not in .*own\.jsonl \(tower train\): of an earlier version"
+    with pytest.raises(CorpusError, match=unknown):
         load_tasks(lists, "tower", "scratch", "train")
 
 
@@ -141,9 +135,8 @@ def test_output__is_overwritten_only_with_force(command, data, error_of, own, tm
 def test_check_and_synthesize__list_no_empty_sets_and_leave_out_what_is_always_true(data, tmp_path):
     blue = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     programs = {"blue": blue, "always": f"{blue} or not {blue}", "never": f"{blue} and not {blue}"}
-    rows = [entry(name, "tower", "dev", name, program) for name, program in programs.items()]
-    write_corpus(tmp_path / "own.jsonl", "own", "MIT", rows)
-    assert " 0 tasks" not in data("check", tmp_path / "own.jsonl")
-    output = data("synthesize", tmp_path / "own.jsonl", "--out", tmp_path / "new.jsonl")
+    own = write_statements(tmp_path / "own.jsonl", *(("dev", *each) for each in programs.items()))
+    assert " 0 tasks" not in data("check", own)
+    output = data("synthesize", own, "--out", tmp_path / "new.jsonl")
     assert "2 statements" in output
-    assert "left out, as no scene was found that makes it false: 'always'" in output
+    assert "left out, as no scene was found that makes it false: 't1': always" in output

@@ -4,6 +4,7 @@ import errno
 import gzip
 import json
 from itertools import pairwise
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -219,10 +220,13 @@ def test_collect__names_the_mistake(options, message, tmp_path, monkeypatch, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
 
 
+FULL = OSError(errno.ENOSPC, "No space left on device")
+
+
 def test_file__does_not_remain_if_the_disk_is_full(tmp_path, monkeypatch, capsys):
     def fail(path, *_):
         path.write_bytes(b"some")
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise FULL
 
     monkeypatch.setattr(datasets, "WRITERS", {".npz": fail})
     place = tmp_path / "own.npz"
@@ -231,11 +235,12 @@ def test_file__does_not_remain_if_the_disk_is_full(tmp_path, monkeypatch, capsys
     assert not list(tmp_path.iterdir())
 
 
+MINARI = "data collect TowerFlipIt --minari"
+
+
 def test_minari__missing_is_an_error_before_any_work(monkeypatch, capsys):
     monkeypatch.setattr(datasets, "find_spec", lambda name: None)
-    assert 'needs Minari: pip install "minari[hdf5]' in error_of(
-        capsys, "data collect TowerFlipIt --minari lilgym/own-v0"
-    )
+    assert 'needs Minari: pip install "minari[hdf5]' in error_of(capsys, f"{MINARI} lilgym/own-v0")
 
 
 @pytest.fixture
@@ -246,7 +251,7 @@ def minari(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("form", PARTS)
 def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
-    command = f"data collect TowerFlipIt --episodes 5 --minari lilgym/own-v0 --observation {form}"
+    command = f"{MINARI} lilgym/own-v0 --episodes 5 --observation {form}"
     succeeds(command)
     dataset = minari.load_dataset("lilgym/own-v0")
     env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
@@ -268,15 +273,10 @@ def test_minari__replays_in_the_recovered_environments(minari, form, capsys):
 
 
 def test_minari__a_name_without_version_is_refused_before_any_episode(minari, capsys):
-    assert "'tower-expert' cannot name a Minari data set" in error_of(
-        capsys, "data collect TowerFlipIt --minari tower-expert"
-    )
+    assert "'tower-expert' cannot name a Minari data set" in error_of(capsys, f"{MINARI} tower-expert")
 
 
 def test_minari__leaves_no_files_if_writing_fails(minari, tmp_path, monkeypatch):
-    def fail(rollout):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(datasets, "_buffer", fail)
-    assert lilgym("data collect TowerScratch --episodes 2 --minari lilgym/own-v0") == 1
+    monkeypatch.setattr(datasets, "_buffer", Mock(side_effect=FULL))
+    assert lilgym(f"{MINARI} lilgym/own-v0 --episodes 2") == 1
     assert not list(tmp_path.rglob("*"))

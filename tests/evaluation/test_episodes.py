@@ -52,8 +52,8 @@ def test_record__contains_the_episodes_and_their_tasks(tmp_path):
     for kept, played in zip(found.episodes, play(policy, plan, seen).episodes, strict=True):
         task = tasks.by_id(kept.task)
         assert (kept.start, kept.target, kept.program) == (task.start, task.target, task.program)
-        form_seen = statement_form(task.statement) in forms
-        assert kept == replace(played, statement_seen=task.statement in seen, form_seen=form_seen)
+        facts = {"statement_seen": task.statement in seen, "form_seen": statement_form(task.statement) in forms}
+        assert kept == replace(played, tags=task.tags, **facts)
 
 
 @pytest.mark.parametrize("rules", ["paper", "release"])

@@ -50,14 +50,10 @@ def result():
 def test_results_text__has_a_row_per_policy():
     title, _, head, _, row, *_ = results_text([result()], 200).splitlines()
     assert title == "TowerScratch, 4 episodes"
-    assert re.split(" {2,}", head) == [
-        *("policy", "accuracy", "seen", "unseen", "mean reward", "mean length"),
-        *("wrong stop", "invalid action", "horizon"),
-    ]
-    assert re.split(" {2,}", row) == [
-        *("mine", "25.0 %", "50.0 % of 2", "0.0 % of 2", "-0.82", "4.2"),
-        *["25.0 %"] * 3,
-    ]
+    names = ("policy", "accuracy", "seen", "unseen", "mean reward", "mean length")
+    assert re.split(" {2,}", head) == [*names, "wrong stop", "invalid action", "horizon"]
+    values = ("mine", "25.0 %", "50.0 % of 2", "0.0 % of 2", "-0.82", "4.2")
+    assert re.split(" {2,}", row) == [*values, *["25.0 %"] * 3]
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -104,12 +100,11 @@ def test_results_json__is_sufficient_to_reproduce_the_results():
     settings = Settings.from_json(written["settings"])
     again = EvaluationPlan(settings, *(written[key] for key in ("split", "seed", "passes", "batch_size")))
     assert again == plan
-    assert [row["agent"] for row in data["results"]] == ["random legal", "random unmasked"]
-    repeated = play(BASELINES[1], again, seen)
-    assert repeated.episodes == results[1].episodes
-    assert data["results"][0]["accuracy"] == results[0].summary.accuracy
-    assert written["tasks"]["sha256"] == plan.settings.make("dev").tasks.provenance.sha256
-    assert written["tasks"]["start_scenes"] == len(results[0].episodes)
+    assert play(BASELINES[1], again, seen).episodes == results[1].episodes
+    rows = [(row["agent"], row["accuracy"]) for row in data["results"]]
+    assert rows == [(each.named.name, each.summary.accuracy) for each in results]
+    tasks = settings.tasks("dev")
+    assert written["tasks"].items() >= {"sha256": tasks.provenance.sha256, "start_scenes": len(tasks)}.items()
     assert {"python", "numpy", "gymnasium"} <= set(data["software"])
 
 

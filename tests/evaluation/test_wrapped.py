@@ -1,5 +1,7 @@
 """A policy of one's own behind wrappers is evaluated on every task once, and recorded."""
 
+import pkgutil
+
 import pytest
 from gymnasium.wrappers.vector import DictInfoToList
 
@@ -35,14 +37,12 @@ def test_own_policy__is_recorded_as_it_played_inside_its_wrappers(tmp_path):
     assert {str(episode.actions[-1]) for episode in result.episodes if episode.is_success} == {"Stop()"}
 
 
-@pytest.mark.parametrize("algorithm", ["PPO", "MaskablePPO"])
+@pytest.mark.parametrize("algorithm", ["stable_baselines3.PPO", "sb3_contrib.MaskablePPO"])
 def test_evaluate__of_a_model_with_another_policy_names_the_function(algorithm, tmp_path, capsys):
-    sb3_contrib = pytest.importorskip("sb3_contrib")
-    from stable_baselines3 import PPO
-
+    pytest.importorskip("sb3_contrib")
     from lilgym_mp.sb3 import make_vec_env
 
-    chosen = {"PPO": PPO, "MaskablePPO": sb3_contrib.MaskablePPO}[algorithm]
+    chosen = pkgutil.resolve_name(algorithm)
     env = make_vec_env(SETTINGS.id, wrap=lambda envs: flat_observation_v0(structured_observation_v0(envs)))
     chosen("MlpPolicy", env, n_steps=2, batch_size=2, policy_kwargs={"net_arch": [4]}).save(tmp_path / "own.zip")
     (line,) = error_of(capsys, f"evaluate {tmp_path / 'own.zip'} --trust").splitlines()
