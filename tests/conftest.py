@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -54,6 +55,25 @@ def terminal(monkeypatch):
 def undrawn(monkeypatch):
     """Leaves the pictures of reports empty, as drawing is slow."""
     monkeypatch.setattr("lilgym_mp.contrib.report.writing.save", lambda figure, path, kind: path.write_bytes(b""))
+
+
+@pytest.fixture(scope="session")
+def installed_form(tmp_path_factory):
+    """The package in the layout of a wheel."""
+    pytest.importorskip("setuptools")
+    place = tmp_path_factory.mktemp("installed")
+    build = ["-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place]
+    subprocess.run([sys.executable, *build], cwd=Path(__file__).parents[1], check=True)
+    return place
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A headless browser; skips if there is none."""
+    from tests.browser import chromium
+
+    with chromium() as browser:
+        yield browser
 
 
 @pytest.fixture(scope="session")

@@ -31,7 +31,6 @@ EXTRAS = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
 PACKAGE_NODES, TEST_NODES = 384_100, 198_000  # most syntax nodes; lower them as code goes
 PAGE_AND_DATA_LINES = 2_130 + 1_774  # most lines of JavaScript, CSS and HTML, and of TOML in data
-SETUP = "from setuptools import setup; setup()"
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 WITHOUT_NUMBA = """
 import sys
@@ -94,15 +93,6 @@ def _package_directories():
     }
 
 
-@pytest.fixture(scope="module")
-def installed_form(tmp_path_factory):
-    """The package in the layout of a wheel."""
-    needs("setuptools")
-    place = tmp_path_factory.mktemp("installed")
-    _passes("-c", SETUP, "-q", "build_py", "--build-lib", place)
-    return place
-
-
 def test_packaging__every_directory_with_modules_is_listed():
     unlisted = _package_directories().keys() - set(SETUPTOOLS["packages"])
     assert not unlisted, f"add to tool.setuptools.packages in pyproject.toml: {sorted(unlisted)}"
@@ -122,7 +112,8 @@ def test_packaging__every_module_and_data_file_is_shipped(installed_form):
 @pytest.mark.long
 def test_packaging__a_source_distribution_has_the_package_its_tests_and_documents(tmp_path):
     needs("setuptools")
-    _passes("-c", SETUP, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
+    program = "from setuptools import setup; setup()"
+    _passes("-c", program, "-q", "egg_info", "-e", tmp_path, "sdist", "-d", tmp_path)
     (packed,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(packed) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}

@@ -2,14 +2,13 @@
 
 import os
 import re
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
 
 import lilgym_mp  # noqa: F401
-from tests.browser import chromium, watched_page
+from tests.browser import watched_page
+from tests.command_line import python
 from tests.scripts import ROOT, load_script, needs
 
 VISITED = ("index.html", "results.html", "api/environments.html", "environments/tower.html")
@@ -17,28 +16,15 @@ FETCHED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def site(tmp_path_factory, installed_form):
     """The directory of the built site."""
     needs("mkdocs", "material", "mkdocstrings")  # of the extra `docs`
-    package, place = tmp_path_factory.mktemp("package"), tmp_path_factory.mktemp("site")
-    build = [sys.executable, "-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", package]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", place],
-        cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", "LILGYM_DOCS_PACKAGE": str(package)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    place = tmp_path_factory.mktemp("site")
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "LILGYM_DOCS_PACKAGE": str(installed_form)}
+    done = python("-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", place, cwd=ROOT, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "WARNING" not in done.stderr
     return place
-
-
-@pytest.fixture(scope="module")
-def pages():
-    return load_script("write_environment_pages")
 
 
 @pytest.mark.long
@@ -50,8 +36,9 @@ def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(
     assert {link for link in fetched if "canonical" not in link} == set()
 
 
-def test_environment_pages__are_up_to_date(pages):
-    stale = [path.name for path, text in pages.documents().items() if path.read_text() != text]
+def test_environment_pages__are_up_to_date():
+    pages = load_script("write_environment_pages").documents()
+    stale = [path.name for path, text in pages.items() if path.read_text() != text]
     assert not stale, "run scripts/write_environment_pages.py"
 
 
@@ -62,16 +49,10 @@ def test_interval__does_not_break_within_its_brackets():
     assert rewritten == "32.9 [−1.5,\u00a0+36.2], ([19, 5])"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser, site, *, dark):
-    with watched_page(browser, dark=dark) as watched:
+def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(chromium, site, *, dark):
+    with watched_page(chromium, dark=dark) as watched:
         for page in VISITED:
             watched.page.goto((site / page).as_uri())
             assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), page
@@ -82,17 +63,17 @@ def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser
 
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__passes_axe(browser, site, *, dark):
+def test_site__passes_axe(chromium, site, *, dark):
     rules = "{rules: {'empty-table-header': {enabled: false}}}"  # the corner of a matrix is empty
-    with watched_page(browser, dark=dark) as watched:
+    with watched_page(chromium, dark=dark) as watched:
         for page in VISITED:
             watched.page.goto((site / page).as_uri())
             assert watched.violations(rules) == [], page
 
 
 @pytest.mark.long
-def test_site__opened_from_its_directory_is_searched(browser, site):
-    with watched_page(browser, 1400) as watched:
+def test_site__opened_from_its_directory_is_searched(chromium, site):
+    with watched_page(chromium, 1400) as watched:
         watched.page.goto((site / "index.html").as_uri())
         watched.page.locator(".md-search__input").click()
         watched.page.keyboard.type("ScatterFlipIt")

@@ -48,12 +48,14 @@ def test_train__names_an_evaluation_that_runs(learner, own, capsys):
     succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")
 
 
-def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch, capsys):
+def test_train__when_interrupted_saves_and_names_the_command_that_resumes(own, monkeypatch, capsys):
     record = RunDirectory.record
     with monkeypatch.context() as patched:
         patched.setattr(RunDirectory, "record", lambda *given: (record(*given), os.kill(os.getpid(), signal.SIGINT)))
         assert lilgym(f"train {TRAININGS['ppo']} {own} --out 'a run'") == 130
-    succeeds(printed(capsys, "resume with"))
+    output = capsys.readouterr().out
+    assert "saved a run/agent.safetensors" in output
+    succeeds(re.findall("resume with: lilgym-mp (.*)", output)[0])
 
 
 @pytest.mark.long

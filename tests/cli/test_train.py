@@ -1,13 +1,8 @@
 """`lilgym-mp train`, `evaluate` and `explain`, with a few dozen training steps each."""
 
 import json
-import os
 import shutil
-import signal
-import subprocess
 import sys
-import time
-from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
@@ -82,29 +77,6 @@ def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch,
     refused = error_of(capsys, "train ppo TowerScratch --tensorboard --out", tmp_path / "run")
     assert "--tensorboard needs tensorboard: pip install tensorboard" in refused
     assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.long
-def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path):
-    """In a terminal, Ctrl-C signals the whole process group."""
-    directory = tmp_path / "run"
-    words = f"-m lilgym_mp train ppo TowerScratch --steps 100000000 {SMALL} --out {directory}".split()
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, *words], **pipes, start_new_session=True) as process:
-        while process.poll() is None and not (directory / "progress.jsonl").exists():
-            time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
-        output, errors = process.communicate(timeout=120)
-    assert "Traceback" not in errors
-    assert process.returncode == 130, errors
-    assert f"saved {directory / 'agent.safetensors'}" in output
-    assert f"resume with: lilgym-mp train ppo --resume --out {directory}" in output
-    deadline = time.monotonic() + 30
-    with suppress(ProcessLookupError):  # once all processes of the group have ended
-        while time.monotonic() < deadline:
-            os.killpg(process.pid, 0)
-            time.sleep(0.05)
-    assert time.monotonic() < deadline
 
 
 def names(output):

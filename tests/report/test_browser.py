@@ -11,7 +11,7 @@ from PIL import Image
 
 from lilgym_mp.contrib.report import make_report
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from tests.browser import chromium, watched_page
+from tests.browser import watched_page
 from tests.report.recordings import EPISODES, written
 
 AGENTS = ("imitation", "parse-and-plan", "ppo from imitation, sampled")
@@ -25,12 +25,6 @@ HIDDEN = """() => [...document.querySelectorAll('section img, section table')].f
 }).map(part => part.closest('section').id)"""
 WIDER = """() => [...document.querySelectorAll('main section, nav')].filter(part =>
     part.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map(part => part.id)"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +43,8 @@ def report(tmp_path_factory):
 
 
 @pytest.mark.parametrize("width", [1280, 420])
-def test_report__shows_and_links_every_item_without_network_requests(browser, report, width):
-    with watched_page(browser, width) as watched:
+def test_report__shows_and_links_every_item_without_network_requests(chromium, report, width):
+    with watched_page(chromium, width) as watched:
         watched.page.goto(report.as_uri())
         assert watched.page.locator("section table").count() > 10
         assert watched.page.locator("section img").count() > 5
@@ -74,8 +68,8 @@ def test_report__shows_and_links_every_item_without_network_requests(browser, re
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_report__passes_axe_and_folds_what_is_long(browser, report, *, dark):
-    with watched_page(browser, dark=dark) as watched:
+def test_report__passes_axe_and_folds_what_is_long(chromium, report, *, dark):
+    with watched_page(chromium, dark=dark) as watched:
         watched.page.goto(report.as_uri())
         assert watched.page.locator("details[open]").count() == 0
         rows = "details => details.map(each => each.querySelectorAll('tbody tr').length)"
@@ -85,9 +79,9 @@ def test_report__passes_axe_and_folds_what_is_long(browser, report, *, dark):
         assert watched.is_dark() == dark
 
 
-def test_printed_report__has_every_column_of_every_table(browser, report, tmp_path):
+def test_printed_report__has_every_column_of_every_table(chromium, report, tmp_path):
     pypdf = pytest.importorskip("pypdf")
-    with watched_page(browser) as watched:
+    with watched_page(chromium) as watched:
         watched.page.goto(report.as_uri())
         watched.page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)
         cells = watched.page.evaluate(
