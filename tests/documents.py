@@ -63,20 +63,21 @@ def _run(language, code, namespace, place):
     """The output, and whether the code failed."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        failed = False
         if language == "console":
-            status = main(shlex.split(code, comments=True))
-            return out.getvalue(), status != 0
-        try:
-            exec(compile(code, place, "exec"), namespace)
-        except Exception as fault:
-            print(f"{type(fault).__name__}: {fault}")
-            return out.getvalue(), True
-    return out.getvalue(), False
+            failed = main(shlex.split(code, comments=True)) != 0
+        else:
+            try:
+                exec(compile(code, place, "exec"), namespace)
+            except Exception as fault:
+                print(f"{type(fault).__name__}: {fault}")
+                failed = True
+    return out.getvalue(), failed
 
 
 def _matches(expected, printed):
     """Whether the output matches, ignoring trailing blanks; `...` matches any text."""
-    pattern = r".*".join(map(re.escape, re.split(r"\.\.\.", _trimmed(expected))))
+    pattern = re.escape(_trimmed(expected)).replace(r"\.\.\.", ".*")
     return re.fullmatch(pattern, _trimmed(printed), re.DOTALL) is not None
 
 

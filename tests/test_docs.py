@@ -1,10 +1,10 @@
 """The code in the documents runs and prints the output they show; their links and pictures are right."""
 
 import doctest
+import fnmatch
 import io
 import re
 import shlex
-from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,7 @@ from PIL import Image, ImageSequence
 from lilgym_mp.cli import main, parse_args
 from lilgym_mp.solver import expert
 from tests.documents import run_document
-from tests.scripts import ROOT, load_script
+from tests.scripts import ROOT, load_script, needs
 
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception"),
@@ -40,8 +40,7 @@ NEEDS = {  # optional modules
     ids=lambda path: path.stem,
 )
 def test_pages__print_the_output_they_show(path, tmp_path, monkeypatch):
-    for module in NEEDS.get(path.name, ()):
-        pytest.importorskip(module)
+    needs(*NEEDS.get(path.name, ()))
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -63,8 +62,7 @@ README_SHORTER = {  # long-running parts of README's commands, and their replace
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_readme__commands_run(tmp_path, monkeypatch, own):
-    for module in ("torch", "matplotlib", "jinja2"):
-        pytest.importorskip(module)
+    needs("torch", "matplotlib", "jinja2")
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     commands = re.findall(
@@ -138,7 +136,7 @@ def test_tests_named_in_the_fidelity_table__exist():
 
 
 def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command():
-    pytest.importorskip("pettingzoo")
+    needs("pettingzoo")
     drawing = load_script("draw_pictures")
     folder = ROOT / "docs" / "pictures"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.suffix in PICTURES}
@@ -146,16 +144,16 @@ def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command():
     assert [name for name in names if f"pictures/{name}" not in pages] == []
     assert names >= set(drawing.FILES)
     others = names - set(drawing.FILES)
-    assert [name for name in others if not any(fnmatch(name, pattern) for pattern in drawing.ELSEWHERE)] == []
-    assert [pattern for pattern in drawing.ELSEWHERE if not any(fnmatch(name, pattern) for name in others)] == []
+    found = {pattern: set(fnmatch.filter(others, pattern)) for pattern in drawing.ELSEWHERE}
+    assert set.union(*found.values()) == others
+    assert [pattern for pattern, named in found.items() if not named] == []
     assert (folder / "badges.svg").read_text() == drawing.badges()
     assert (folder / "logo.svg").read_text() == drawing.logo()
 
 
 @pytest.mark.long
 def test_pictures_drawn_from_code_and_tables__are_the_saved_ones(tmp_path, monkeypatch):
-    for needed in ("torch", "matplotlib", "pettingzoo"):
-        pytest.importorskip(needed)
+    needs("torch", "matplotlib", "pettingzoo")
     drawing = load_script("draw_pictures")
     saved = drawing.PICTURES
     monkeypatch.setattr(drawing, "PICTURES", tmp_path)

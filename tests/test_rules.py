@@ -20,9 +20,8 @@ BLUE_IS_HERE = "exist(filter_color(all_items, Color.BLUE))"
 BLUE, BLACK = scene(tower(B)), scene(tower(K))
 ADD, INVALID = AddBlock(1, K), RemoveBlock(2)
 
-# Rules, whether it is the first action or the last, the action, whether the statement is true; outcome, reward, and
-# whether the episode is terminated or truncated, and the scene changed. The target is True, so STOP succeeds if the
-# statement is true.
+# Rules, whether it is the first action or the last, the action, whether the truth is the target; outcome, reward, and
+# whether the episode is terminated or truncated, and the scene changed.
 TABLE = """
 paper   first stop    true  | success         1.0 terminated
 paper   first stop    false | wrong_stop     -1.0 terminated
@@ -52,29 +51,22 @@ def task(start, *, target=True, program=BLUE_IS_HERE):
     return Task("own", "Blue is here.", program, target, start)
 
 
+@pytest.mark.parametrize("target", [True, False])
 @pytest.mark.parametrize("line", TABLE.strip().splitlines())
-def test_step__reward_flags_and_scene_are_those_of_the_table(line):
+def test_step__reward_flags_and_scene_are_those_of_the_table(line, target):
     given, expected = line.split("|")
     rules, when, name, true = given.split()
     outcome, reward, *flags = expected.split()
     dynamics = make_dynamics(make_appearance("tower"), rules, HORIZON)
-    before, steps = BLUE if true == "true" else BLACK, {"first": 0, "last": HORIZON - 1}[when]
-    state = State(task(before), before, steps)
+    before, steps = BLUE if (true == "true") == target else BLACK, {"first": 0, "last": HORIZON - 1}[when]
+    state = State(task(before, target=target), before, steps)
+    assert dynamics.goal_reached(state) == (true == "true")
     done = dynamics.wait(state) if name == "wait" else dynamics.step(state, ACTIONS[name])
     assert (str(done.outcome), done.reward) == (outcome, float(reward))
     assert {flag for flag in ("terminated", "truncated") if getattr(done.result, flag)} == {*flags} - {"changed"}
     assert done.invalid == (InvalidReason.EMPTY_TOWER if name == "invalid" else None)
     assert done.state.steps == steps + 1
     assert done.state.scene == (scene(before.boxes[0].items, tower(K)) if "changed" in flags else before)
-
-
-@pytest.mark.parametrize("target", [True, False])
-def test_stop__succeeds_if_the_truth_is_the_target(target):
-    dynamics = make_dynamics(make_appearance("tower"))
-    for start, truth in ((BLUE, True), (BLACK, False)):
-        state = dynamics.start(task(start, target=target))
-        assert dynamics.goal_reached(state) == (truth == target)
-        assert (dynamics.step(state, STOP).outcome is Outcome.SUCCESS) == (truth == target)
 
 
 @pytest.mark.parametrize(("rules", "horizon"), [("paper", 12), ("release", 11)])

@@ -122,8 +122,8 @@ def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path):
         written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
     data = load_report_data([tmp_path])
     (table,) = paired_tests(data)
-    difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
-    three_times = f"{3 * difference.p_value:.4f}"
+    first, _, third = data.entries
+    three_times = f"{3 * paired_difference(first.runs, third.runs).p_value:.4f}"
     assert [row[-1] for row in table.rows] == ["1.0000", three_times, three_times]
     assert "corrected for the 3 tests" in table.note
 
@@ -163,21 +163,22 @@ def test_failures__link_to_play_and_watch(example):
 
 @pytest.mark.long
 def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path):
-    written(tmp_path / "kept")
-    page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
+    kept, out = tmp_path / "kept", tmp_path / "one"
+    written(kept)
+    page = make_report([kept], out).read_text()
     before = contents(tmp_path)
-    (tmp_path / "one" / "figures" / "old.svg").touch()
-    make_report([tmp_path / "kept"], tmp_path / "one")  # replaces the existing report
+    (out / "figures" / "old.svg").touch()
+    make_report([kept], out)  # replaces the existing report
     assert contents(tmp_path) == before
     for address in ("http://www.w3.org", "http://127.0.0.1:8000"):  # of SVG; links to the browser interface
         page = page.replace(address, "")
     assert "http" not in page  # no external resources
     suffixes = {Table: ("tables", "csv", "tex"), Chart: ("figures", "pdf"), Item: ("",)}
-    for items in chapters(load_report_data([tmp_path / "kept"])).values():
+    for items in chapters(load_report_data([kept])).values():
         for item in items:
             assert f'id="{item.name}"' in page
             folder, *kinds = suffixes[type(item)]
-            assert all((tmp_path / "one" / folder / f"{item.name}.{kind}").stat().st_size for kind in kinds)
+            assert all(before[out / folder / f"{item.name}.{kind}"] for kind in kinds)
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -264,12 +265,18 @@ def test_line_chart__names_few_lines_at_their_ends_without_overlap_and_many_in_a
     named = line_chart([("one", "steps", "%", near)], Looks())
     named.draw_without_rendering()
     labels = [text for text in named.axes[0].texts if text.get_text()]
-    assert [text.get_text() for text in labels] == ["a", "b", "c", "d", "e"]
-    assert not any(low.get_window_extent().overlaps(high.get_window_extent()) for low, high in pairwise(labels))
+    assert "".join(text.get_text() for text in labels) == "abcde"
+    assert not overlap(labels)
     assert not named.legends
     many = line_chart([("one", "steps", "%", [*near, Line("f", [0, 1], [0, 9])])], Looks())
     assert len(many.legends) == 1
     assert not many.axes[0].texts
+
+
+def overlap(labels):
+    """Whether a label overlaps the next one that is not empty."""
+    boxes = [label.get_window_extent() for label in labels if label.get_text()]
+    return any(box.overlaps(after) for box, after in pairwise(boxes))
 
 
 def certain(value):
@@ -284,14 +291,12 @@ def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide(
     figure = bar_chart(panels, "%", Looks())
     one, other = figure.axes
     assert one.get_ylim() == other.get_ylim()
-    assert [axes.get_ylabel() for axes in figure.axes] == ["%", "%"]
+    assert one.get_ylabel() == other.get_ylabel() == "%"
     assert other.get_ylim()[1] > 70
     (lines,) = next(bars.errorbar for bars in one.containers if isinstance(bars, BarContainer)).lines[2]
     assert lines.get_segments()[0][:, 1].tolist() == [40, 65]
     figure.draw_without_rendering()
-    for axes in figure.axes:
-        boxes = [label.get_window_extent() for label in (*axes.get_xticklabels(), *axes.texts) if label.get_text()]
-        assert not any(box.overlaps(after) for box, after in pairwise(boxes))
+    assert not any(overlap((*axes.get_xticklabels(), *axes.texts)) for axes in figure.axes)
 
 
 def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
@@ -328,9 +333,8 @@ def test_report__damaged_evaluations_are_named(tmp_path):
 
 
 def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path):
-    written(tmp_path / "a", recipe={"width": 64, "seed": 0})
-    written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
-    written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
+    for seed, width in enumerate((64, 128, 128)):
+        written(tmp_path, recipe={"width": width, "seed": seed}, training_seed=seed)
     found = load_report_data([tmp_path])
     assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
     written(tmp_path / "d", recipe={"width": 128, "seed": 3}, training_seed=3, supervision="programs")
@@ -349,8 +353,8 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     trained(tmp_path / "a", 0, [(0.5, None, None), (0.6, None, None)])
     file = tmp_path / "a" / "evaluations.jsonl"
     file.write_text(file.read_text() + "\n" + file.read_text().replace("0.6", "0.7"))
-    ((first, second),) = (curve.evaluations for curve in load_report_data([tmp_path]).curves)
-    assert (first["steps"], first["accuracy"], second["steps"], second["accuracy"]) == (0, 0.5, 32, 0.7)
+    (curve,) = load_report_data([tmp_path]).curves
+    assert [(each["steps"], each["accuracy"]) for each in curve.evaluations] == [(0, 0.5), (32, 0.7)]
 
 
 def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
@@ -400,9 +404,8 @@ def test_games__are_a_matrix_of_pairs_with_intervals_and_remarks(tmp_path):
 
 def test_games__another_json_file_is_refused_by_name(tmp_path):
     (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(
-        ReportError, match=r"other\.json: not results of games, which `lilgym-mp evaluate --out` writes"
-    ):
+    refused = r"other\.json: not results of games, which `lilgym-mp evaluate --out` writes"
+    with pytest.raises(ReportError, match=refused):
         load_report_data([tmp_path / "other.json"])
 
 
