@@ -21,6 +21,7 @@ from tests.documents import code_blocks
 from tests.scripts import ROOT, needs
 
 EXAMPLES = ROOT / "examples"
+RLLIB_RETURN = r"steps  mean return  proposer_0 (\S+)"
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
 
 
@@ -149,14 +150,6 @@ def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tm
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"curve.csv", "curve.svg", "verifier.zip"}
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # from SuperSuit
-def test_supersuit__one_policy_for_both_agents_learns(run):
-    needs("supersuit")
-    returns = [float(line.split()[-1]) for line in run("supersuit_ppo.py", "--steps", "24576").splitlines()]
-    assert returns[-1] > returns[0] + 0.3
-
-
 @pytest.mark.filterwarnings("ignore")
 def test_supersuit_ppo__plays_with_the_guides_views(run):
     needs("supersuit")
@@ -218,23 +211,15 @@ def test_finetune_language_model__reports_each_phase_and_saves_the_models(run, t
 @pytest.mark.parametrize(
     ("name", "module", "options", "pattern", "gain"),
     [
+        pytest.param("supersuit_ppo", "supersuit", "--steps 24576", r"(\S+)$", 0.3, marks=pytest.mark.long),
         ("torchrl_rollout", "torchrl", "--steps 64 --envs 2 --batch 64 --width 8", "legal actions (100)%", 0),
         ("torchrl_two_agents", "torchrl", "--frames 4096 --batch 1024", r"success (\S+)$", 0.1),
         ("torchrl_two_agents", "torchrl", "--frames 512 --batch 256 --guide", r"success (\S+)$", -1),
         ("benchmarl_game", "benchmarl", "--frames 8192", r"mean return ([+-]\d\.\d+)$", 0.2),
         ("benchmarl_game", "benchmarl", "--frames 2048 --guide", r"mean return ([+-]\d\.\d+)$", -1),
-        (
-            *("rllib_two_policies", "ray", "--steps 4096 --batch 1024 --width 32 --runners 0"),
-            *(r"steps  mean return  proposer_0 (\S+)", 0.1),
-        ),
-        (
-            *("rllib_two_policies", "ray", "--steps 256 --batch 128 --width 16 --runners 0 --guide"),
-            *(r"steps  mean return  proposer_0 (\S+)", -3),
-        ),
-        (
-            *("rllib_single_agent", "ray", "--steps 64 --batch 64 --width 8 --runners 0"),
-            *(r"(\d+) steps  mean return", 0),
-        ),
+        ("rllib_two_policies", "ray", "--steps 4096 --batch 1024 --width 32 --runners 0", RLLIB_RETURN, 0.1),
+        ("rllib_two_policies", "ray", "--steps 256 --batch 128 --width 16 --runners 0 --guide", RLLIB_RETURN, -3),
+        ("rllib_single_agent", "ray", "--steps 64 --batch 64 --width 8 --runners 0", r"(\d+) steps  mean return", 0),
     ],
 )
 def test_examples_with_other_libraries__learn(tmp_path, name, module, options, pattern, gain):

@@ -2,6 +2,7 @@ import multiprocessing
 import os
 from dataclasses import replace
 from multiprocessing import forkserver
+from types import SimpleNamespace
 from unittest import mock
 
 import gymnasium as gym
@@ -277,18 +278,15 @@ def test_evaluation__counts_every_task_once(count):
     playing = []  # by environment
     counted = []
 
-    class Stopping:
-        """A model that always takes STOP."""
-
-        def predict(self, observations, **_):
-            playing[:] = [info["task"] for info in env.unwrapped.reset_infos]
-            return np.zeros(count, np.int64), None
+    def stop(observations, **_):
+        playing[:] = [info["task"] for info in env.unwrapped.reset_infos]
+        return np.zeros(count, np.int64), None
 
     def note(variables, _):
         counted.append(playing[variables["i"]])
 
-    tasks = env.get_attr("tasks")[0]
-    rewards, _ = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)
+    model, tasks = SimpleNamespace(predict=stop), env.get_attr("tasks")[0]
+    rewards, _ = evaluate_policy(model, env, len(tasks), callback=note, return_episode_rewards=True)
     expected = {task.id: 1 if task.solved_by(task.start) else -1 for task in tasks}
     assert len(counted) == len(tasks)
     assert dict(zip(counted, rewards, strict=True)) == expected

@@ -51,35 +51,28 @@ def test_interval__does_not_break_within_its_brackets():
 
 @pytest.mark.long
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(chromium, site, *, dark):
+def test_site__opened_from_its_directory_shows_its_pages_without_a_fault_and_passes_axe(chromium, site, *, dark):
+    rules = "{rules: {'empty-table-header': {enabled: false}}}"  # the corner of a matrix is empty
     with watched_page(chromium, dark=dark) as watched:
         for page in VISITED:
             watched.page.goto((site / page).as_uri())
             assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), page
             assert watched.is_dark() == dark
+            assert watched.violations(rules) == [], page
         assert watched.requests == []
         assert watched.faults == []
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_site__passes_axe(chromium, site, *, dark):
-    rules = "{rules: {'empty-table-header': {enabled: false}}}"  # the corner of a matrix is empty
-    with watched_page(chromium, dark=dark) as watched:
-        for page in VISITED:
-            watched.page.goto((site / page).as_uri())
-            assert watched.violations(rules) == [], page
-
-
-@pytest.mark.long
 def test_site__opened_from_its_directory_is_searched(chromium, site):
     with watched_page(chromium, 1400) as watched:
-        watched.page.goto((site / "index.html").as_uri())
-        watched.page.locator(".md-search__input").click()
-        watched.page.keyboard.type("ScatterFlipIt")
-        found = watched.page.locator(".md-search-result__item a").first
+        page = watched.page
+        page.goto((site / "index.html").as_uri())
+        page.locator(".md-search__input").click()
+        page.keyboard.type("ScatterFlipIt")
+        found = page.locator(".md-search-result__item a").first
         found.wait_for()
-        watched.page.wait_for_function("document.querySelector('.md-search-result__meta').textContent.match(/\\d/)")
+        page.wait_for_function("document.querySelector('.md-search-result__meta').textContent.match(/\\d/)")
         assert "environments/index.html" in found.get_attribute("href")
         assert watched.requests == []
         assert watched.faults == []

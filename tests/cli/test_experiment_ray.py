@@ -19,28 +19,13 @@ from tests.scripts import ROOT
 TEXT = 'configurations = ["TowerScratch"]\nseeds = [0, 1]\n[[learners]]\nlearner = "ppo"\nsteps = 64\n'
 
 
-class OneProcess:
+def one_process():
     """What the command uses of Ray, in this process: a task runs when its result is fetched."""
-
-    def __init__(self):
-        self.calls = []
-
-    def init(self, **given):
-        self.calls.append(("init", given))
-
-    def shutdown(self):
-        self.calls.append(("shutdown", {}))
-
-    def remote(self, **given):
-        self.calls.append(("remote", given))
-        return lambda function: SimpleNamespace(remote=lambda *arguments: (function, repr(arguments), arguments[0][-1]))
-
-    def wait(self, pending):
-        return pending[-1:], pending[:-1]
-
-    def get(self, task):
-        function, _, name = task
-        return function(name)
+    ray = Mock()
+    ray.remote.return_value = lambda function: SimpleNamespace(remote=lambda words, threads: (function, words[-1]))
+    ray.wait = lambda pending: (pending[-1:], pending[:-1])
+    ray.get = lambda task: task[0](task[1])
+    return ray
 
 
 @pytest.fixture
@@ -55,7 +40,7 @@ def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(command, 
     plan = {planned.name: planned for planned in read_plan(tmp_path / "own.toml")}
     first, second = plan
     lost, executed = {second}, list[str]()
-    ray = OneProcess()
+    ray = one_process()
     monkeypatch.setitem(sys.modules, "ray", ray)
 
     def run(name):
@@ -71,10 +56,10 @@ def test_ray__executes_unfinished_runs_and_continues_after_a_lost_node(command, 
     printed = capsys.readouterr().out
     assert f"failed: {second}: ConnectionError: node lost" in printed
     assert "1 of 2 runs finished" in printed
-    assert ray.calls[0] == ("init", {"address": "10.0.0.1:6379", "log_to_driver": False})
+    ray.init.assert_called_once_with(address="10.0.0.1:6379", log_to_driver=False)
     assert "2 of 2 runs finished" in output_of(capsys, command)
     assert executed == [first, second]
-    assert [name for name, _ in ray.calls] == ["init", "remote", "shutdown"] * 2
+    assert [name for name, *_ in ray.mock_calls] == ["init", "remote", "shutdown"] * 2
 
 
 def test_ray__missing_is_one_line_that_names_the_extra(command, monkeypatch, capsys):

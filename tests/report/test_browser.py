@@ -45,24 +45,25 @@ def report(tmp_path_factory):
 @pytest.mark.parametrize("width", [1280, 420])
 def test_report__shows_and_links_every_item_without_network_requests(chromium, report, width):
     with watched_page(chromium, width) as watched:
-        watched.page.goto(report.as_uri())
-        assert watched.page.locator("section table").count() > 10
-        assert watched.page.locator("section img").count() > 5
-        assert watched.page.evaluate(HIDDEN) == []
-        assert watched.page.evaluate(WIDER) == []
+        page = watched.page
+        page.goto(report.as_uri())
+        assert page.locator("section table").count() > 10
+        assert page.locator("section img").count() > 5
+        assert page.evaluate(HIDDEN) == []
+        assert page.evaluate(WIDER) == []
         if width == 1280:  # Table 2 of five agents is shown whole
             table = "document.querySelector('section .scroll')"
-            assert watched.page.evaluate(f"{table}.scrollWidth - {table}.clientWidth") == 0
-        assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-        for image in watched.page.locator("section img").all():
+            assert page.evaluate(f"{table}.scrollWidth - {table}.clientWidth") == 0
+        assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+        for image in page.locator("section img").all():
             pixels = np.asarray(Image.open(io.BytesIO(image.screenshot())).convert("L"))
             assert pixels.std() > 5, f"blank: {image.get_attribute('alt')}"
-        links = watched.page.locator("nav a")
+        links = page.locator("nav a")
         targets = links.evaluate_all("links => links.map(link => link.getAttribute('href'))")
-        assert targets == watched.page.locator("main section").evaluate_all("parts => parts.map(part => '#' + part.id)")
+        assert targets == page.locator("main section").evaluate_all("parts => parts.map(part => '#' + part.id)")
         links.nth(len(targets) // 2).click()
         at_the_top = "id => document.querySelector(id).getBoundingClientRect().top < 100"
-        watched.page.wait_for_function(at_the_top, arg=targets[len(targets) // 2])
+        page.wait_for_function(at_the_top, arg=targets[len(targets) // 2])
         assert watched.requests == []
         assert watched.faults == []
 
@@ -70,11 +71,12 @@ def test_report__shows_and_links_every_item_without_network_requests(chromium, r
 @pytest.mark.parametrize("dark", [False, True])
 def test_report__passes_axe_and_folds_what_is_long(chromium, report, *, dark):
     with watched_page(chromium, dark=dark) as watched:
-        watched.page.goto(report.as_uri())
-        assert watched.page.locator("details[open]").count() == 0
+        page = watched.page
+        page.goto(report.as_uri())
+        assert page.locator("details[open]").count() == 0
         rows = "details => details.map(each => each.querySelectorAll('tbody tr').length)"
-        assert max(watched.page.locator("section:not(:has(details)) table").evaluate_all(rows)) <= 24
-        watched.page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+        assert max(page.locator("section:not(:has(details)) table").evaluate_all(rows)) <= 24
+        page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
         assert watched.violations() == []
         assert watched.is_dark() == dark
 
@@ -82,19 +84,20 @@ def test_report__passes_axe_and_folds_what_is_long(chromium, report, *, dark):
 def test_printed_report__has_every_column_of_every_table(chromium, report, tmp_path):
     pypdf = pytest.importorskip("pypdf")
     with watched_page(chromium) as watched:
-        watched.page.goto(report.as_uri())
-        watched.page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)
-        cells = watched.page.evaluate(
+        page = watched.page
+        page.goto(report.as_uri())
+        page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)
+        cells = page.evaluate(
             "[...document.querySelectorAll('table')].flatMap(table => [...table.querySelectorAll('th, td')]"
             ".map(cell => cell.textContent.replace(/\\s+/g, '')))"
         )
-        watched.page.set_viewport_size({"width": 700, "height": 1000})  # 186 mm
-        watched.page.emulate_media(media="print")
+        page.set_viewport_size({"width": 700, "height": 1000})  # 186 mm
+        page.emulate_media(media="print")
         cut = "[...document.querySelectorAll('table, img')].filter(part => part.getBoundingClientRect().right > 701)"
-        assert watched.page.evaluate(f"{cut}.map(part => part.closest('section').id)") == []
+        assert page.evaluate(f"{cut}.map(part => part.closest('section').id)") == []
         shown = "[...document.querySelectorAll('main h2, main section')].filter(part => part.checkVisibility())"
-        assert "H2 H2" not in watched.page.evaluate(f"{shown}.map(part => part.tagName).join(' ')")  # an empty chapter
-    text = "".join(page.extract_text() for page in pypdf.PdfReader(tmp_path / "report.pdf").pages)
+        assert "H2 H2" not in page.evaluate(f"{shown}.map(part => part.tagName).join(' ')")  # an empty chapter
+    text = "".join(sheet.extract_text() for sheet in pypdf.PdfReader(tmp_path / "report.pdf").pages)
     text = re.sub(r"\s+", "", normalize("NFKC", text))  # the font has a ligature for "fi"
     assert [cell for cell in cells if cell not in text] == []
     for name in CONFIGURATIONS:

@@ -165,10 +165,9 @@ def test_syntax_rules__ignore_case_punctuation_and_digits():
 
 def test_rules__descriptions_are_documented():
     text = (ROOT / "docs" / "official_data.md").read_text()
-    described = {phenomenon: " ".join((rule.__doc__ or "").split()).rstrip(".") for phenomenon, rule in RULES.items()}
-    rows = {phenomenon: f"| {phenomenon} | {words[:1].lower()}{words[1:]} |" for phenomenon, words in described.items()}
-    missing = [phenomenon for phenomenon, row in rows.items() if row not in text]
-    assert not missing, "copy the rules' descriptions into docs/official_data.md"
+    for phenomenon, rule in RULES.items():
+        words = " ".join(rule.__doc__.split()).rstrip(".")
+        assert f"| {phenomenon} | {words[:1].lower()}{words[1:]} |" in text, "copy the rule's description"
 
 
 @pytest.mark.parametrize("word", ["unique", "exist", "min", "all_same", "contained"])

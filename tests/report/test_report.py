@@ -15,7 +15,6 @@ from lilgym_mp.contrib.report.aggregation import (
     accuracy_where,
     holm,
     mean_std,
-    mean_where,
     paired_difference,
 )
 from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind, failures, figure_10
@@ -27,8 +26,7 @@ from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import OutputError
-from tests.command_line import error_of, succeeds
-from tests.json_files import read_json
+from tests.command_line import error_of
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -355,18 +353,6 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     file.write_text(file.read_text() + "\n" + file.read_text().replace("0.6", "0.7"))
     (curve,) = load_report_data([tmp_path]).curves
     assert [(each["steps"], each["accuracy"]) for each in curve.evaluations] == [(0, 0.5), (32, 0.7)]
-
-
-def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
-    kept, results = tmp_path / "kept", tmp_path / "results.json"
-    command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
-    succeeds(f"{command} --record {kept} --out", results)
-    found = load_report_data([kept])
-    for row in read_json(results)["results"]:
-        entry = found.find(row["agent"], "TowerFlipIt")
-        assert accuracy_where(entry.runs)[:3] == (pytest.approx(100 * row["accuracy"]), None, 1)
-        reward = mean_where(entry.runs, lambda episode: episode.reward)
-        assert reward[:3] == (pytest.approx(row["mean_reward"]), None, 1)
 
 
 def written_games(path, *pairs):
