@@ -15,6 +15,13 @@ class Terminal(io.StringIO):
         return True
 
 
+def terminal_as_stderr(monkeypatch):
+    """A terminal as the standard error stream."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", Terminal())
+    return sys.stderr
+
+
 def python(*arguments, **settings):
     """What a new process of Python printed, and how it ended; `settings`: of `subprocess.run`."""
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, **settings)

@@ -42,16 +42,6 @@ def own(tmp_path_factory):
 
 
 @pytest.fixture
-def terminal(monkeypatch):
-    """A terminal as the standard error stream."""
-    from tests.command_line import Terminal
-
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr("sys.stderr", Terminal())
-    return sys.stderr
-
-
-@pytest.fixture
 def undrawn(monkeypatch):
     """Leaves the pictures of reports empty, as drawing is slow."""
     monkeypatch.setattr("lilgym_mp.contrib.report.writing.save", lambda figure, path, kind: path.write_bytes(b""))

@@ -7,10 +7,11 @@ import pytest
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.render.characters import text
-from tests.command_line import succeeds
+from tests.command_line import succeeds, terminal_as_stderr
 
 
-def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(terminal, capsys):
+def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(monkeypatch, capsys):
+    terminal = terminal_as_stderr(monkeypatch)
     with Progress(10, "tasks", done=2) as progress:
         print("a result")
         progress.advance(5, "8 solved")
@@ -20,7 +21,8 @@ def test_progress__on_a_terminal_is_a_bar_with_a_note_and_leaves_stdout_alone(te
     assert "a result" not in terminal.getvalue()
 
 
-def test_progress__on_a_dumb_terminal_writes_no_escapes(terminal, monkeypatch):
+def test_progress__on_a_dumb_terminal_writes_no_escapes(monkeypatch):
+    terminal = terminal_as_stderr(monkeypatch)
     monkeypatch.setattr("sys.stdout", terminal)
     assert shows_colours()
     monkeypatch.setenv("TERM", "dumb")
@@ -72,8 +74,9 @@ def test_commands__print_progress_on_stderr(capsys):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command, terminal, tmp_path, monkeypatch):
+def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # `llm play` writes its transcripts
+    terminal = terminal_as_stderr(monkeypatch)
     succeeds(command)
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
     assert "0:00\x1b[0m left" in terminal.getvalue()

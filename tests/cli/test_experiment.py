@@ -18,7 +18,7 @@ from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, execute, make_attempts
 from lilgym_mp.cli.options import CommandError
 from lilgym_mp.corpus import write_corpus
-from tests.command_line import error_of, lilgym, output_of, succeeds
+from tests.command_line import error_of, lilgym, output_of, succeeds, terminal_as_stderr
 from tests.corpora import small_entries
 from tests.envs.test_workers import is_running
 from tests.json_files import read_json
@@ -274,10 +274,11 @@ def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path, own):
     assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
 
 
-def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, capsys, terminal):
+def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(tmp_path, capsys, monkeypatch):
     attempts = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
     (tmp_path / "runs" / "one").mkdir(parents=True)
     (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
+    terminal = terminal_as_stderr(monkeypatch)
     with display(attempts) as update:
         attempts[0].status = RunStatus.TRAINING
         attempts[1].status = RunStatus.FINISHED
