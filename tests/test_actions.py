@@ -16,11 +16,16 @@ PIXELS = Scatter((380, 100))
 GRIDS = [(19, 5), (19, 1), (95, 4), (380, 100)]
 
 
-@pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
-def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance):
+def all_or_sampled(appearance):
+    """The indices of all actions, or the first and last of each type and 3,000 others."""
     count = appearance.action_count
     first_remove = 1 + (count - 1) // 28 * 27  # in Scatter
-    for index in {*range(0, count, 1 + count // 3_000), 1, first_remove - 1, first_remove, count - 1}:
+    return {*range(0, count, 1 + count // 3_000), 1, first_remove - 1, first_remove, count - 1}
+
+
+@pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
+def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance):
+    for index in all_or_sampled(appearance):
         action = appearance.decode(index)
         assert appearance.encode(action) == index
         assert appearance.from_array(appearance.to_array(action)) == action
