@@ -141,6 +141,7 @@ def test_ppo_example__reports_its_accuracy(run, example, options, shown):
     assert re.fullmatch(shown, run(example, *options, "--steps", "4096"))
 
 
+@pytest.mark.long
 def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tmp_path):
     needs("sb3_contrib")
     options = ("--steps", "32", "--rollout", "32", "--tasks", "20")

@@ -199,11 +199,13 @@ def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers,
     assert len(firsts) == 3 * episodes
 
 
+@pytest.mark.long
 def test_sampler__is_the_same_in_a_batch_and_in_workers():
     one, other = (statements_of(FLIPIT, workers, 7, recolour=True, empty_starts=0.5) for workers in (1, 2))
     assert one == other
 
 
+@pytest.mark.long
 def test_sampler__draws_recoloured_and_empty_starts():
     sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
     original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}

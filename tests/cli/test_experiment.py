@@ -201,6 +201,7 @@ class Script(Attempt):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
+@pytest.mark.long
 def test_execute__failed_and_killed_runs_do_not_stop_others_and_are_logged(tmp_path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
     plans = [PlannedRun(words[0], (), (words,)) for words in (("bad",), slow, ("fine",))]
@@ -303,6 +304,7 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path, marker, messag
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
 
 
+@pytest.mark.long
 def test_attempts__execute_the_commands_that_are_not_done(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]]}))

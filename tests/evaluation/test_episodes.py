@@ -44,6 +44,7 @@ class AddsThenStops(Policy):
 SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
 
 
+@pytest.mark.long
 def test_record__contains_the_episodes_and_their_tasks(tmp_path):
     policy, plan = built_in_policy("random-legal"), replace(TOWER, seed=7)
     found = record(tmp_path, policy, plan)

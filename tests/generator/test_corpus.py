@@ -23,6 +23,7 @@ SAMPLES = [("tower", 2), ("scatter", 2)]  # (appearance, level)
 
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
+@pytest.mark.long
 def test_load_scratch__has_the_documented_number_of_distinct_statements(appearance, level):
     tasks = load_tasks(f"generated:{level}", appearance, "scratch", "dev")
     assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SPLIT_SIZES["dev"]

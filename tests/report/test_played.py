@@ -38,6 +38,7 @@ def run(corpus, tmp_path):
     return tmp_path / "run"
 
 
+@pytest.mark.long
 def test_report__has_a_language_model_and_people_beside_policies(run, corpus, fields, tmp_path):
     stopped = {"actions": [0], "outcome": "wrong_stop"}
     played = [

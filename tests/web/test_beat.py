@@ -5,6 +5,7 @@ import pytest
 pytest.importorskip("torch")
 
 
+@pytest.mark.long
 def test_opponent__is_any_agent_that_plays_the_tasks(browser):
     page = browser.get("/beat").text
     assert '<option value="agent:parse-and-plan" selected>' in page
