@@ -1,5 +1,6 @@
 """Imports modules from scripts/, which is not a package; and skips tests for want of packages."""
 
+import importlib
 import importlib.util
 import sys
 from pathlib import Path
@@ -21,9 +22,4 @@ def load_script(name):
     """The module scripts/NAME.py, which may import others."""
     if str(SCRIPTS) not in sys.path:
         sys.path.append(str(SCRIPTS))
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module(name)

@@ -1,10 +1,13 @@
 """`lilgym-mp data ...`: its output, files and errors."""
 
+import json
+
 import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import register_as_official, small_entries, write_released, write_statements
+from tests.json_files import read_json
 
 
 @pytest.fixture
@@ -114,7 +117,9 @@ def test_split__names_its_corpus_by_a_path_relative_to_its_own(data, own, tmp_pa
     lists.parent.mkdir()
     data("split", own, "--by", "form", "--out", lists)
     assert "no faults" in data("check", lists)
-    lists.write_text(lists.read_text().replace('"tower train": [', '"tower train": ["of an earlier version", '))
+    written = read_json(lists)
+    written["statements"]["tower train"] += ["of an earlier version"]
+    lists.write_text(json.dumps(written))
     unknown = r"has ids that are not in .*own\.jsonl \(tower train\): of an earlier version"
     with pytest.raises(CorpusError, match=unknown):
         load_tasks(lists, "tower", "scratch", "train")

@@ -228,7 +228,8 @@ def test_execute__failed_and_killed_runs_do_not_stop_others_and_are_logged(tmp_p
 @pytest.mark.skipif(sys.platform != "linux", reason="PR_SET_PDEATHSIG exists only on Linux")
 def test_experiment__training_ends_when_the_command_is_killed(tmp_path, own):
     process = start_experiment(tmp_path, own, "10_000_000")
-    run = child_of(process.pid)
+    children = [path.read_text() for path in Path(f"/proc/{process.pid}/task").glob("*/children")]  # see proc(5)
+    run = int("".join(children))  # the only one
     process.kill()
     process.wait()
     deadline = time.monotonic() + 60
@@ -249,13 +250,6 @@ def start_experiment(directory, corpus, steps):
         assert process.poll() is None, (directory / "output").read_text()
         time.sleep(0.1)
     return process
-
-
-def child_of(pid):
-    """The only child of a process."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/children")  # see proc(5)
-    (child,) = [int(found) for children in tasks for found in children.read_text().split()]
-    return child
 
 
 @pytest.mark.long

@@ -79,16 +79,11 @@ def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch,
     assert not (tmp_path / "run").exists()
 
 
-def names(output):
-    """The policies of the tables of results."""
-    blocks = [block.splitlines() for block in output.split("\n\n") if block.startswith("policy ")]
-    return [line.split("  ")[0] for block in blocks for line in block[2:]]
-
-
 def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run, own):
     output = output_of(capsys, f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
-    ppo = f"ppo ({run})"
-    assert names(output) == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
+    (table,) = (block.splitlines() for block in output.split("\n\n") if block.startswith("policy "))
+    names = [f"ppo ({run}), greedy", f"ppo ({run}), sampled", "random legal", "random unmasked"]
+    assert [line.split("  ")[0] for line in table[2:]] == names
     assert "\nTowerScratch, 3 episodes\n" in output
     assert "rewards, and programs to exchange colours" in output
     agent = read_json(tmp_path / "results.json")["results"][0]

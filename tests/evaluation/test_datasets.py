@@ -132,8 +132,7 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect, 
     command = "TowerFlipIt --episodes 3 --optimal-actions"
     arrays = collect(command)
     succeeds(f"data collect {command} --split dev --out", tmp_path / "own.jsonl.gz")
-    with gzip.open(tmp_path / "own.jsonl.gz", "rt") as file:
-        rows = [json.loads(line) for line in file]
+    rows = [*map(json.loads, gzip.decompress((tmp_path / "own.jsonl.gz").read_bytes()).splitlines())]
     assert [row["statement"] for row in rows] == arrays["statement"].tolist()
     assert [action for row in rows for action in row["action"]] == arrays["action"].tolist()
     assert rows[0]["legal"][0] == np.flatnonzero(arrays["legal"][0]).tolist()
