@@ -93,13 +93,10 @@ def installed(tmp_path_factory):
     (info / "METADATA").write_text("Name: lamp_world\nVersion: 1\n")
     (info / "entry_points.txt").write_text("[lilgym_mp]\nlamp_world = lamp_world\n")
     entry = {"id": "2", "appearance": "lamps", "split": "train", "statement": "Exactly two of the lamps shine."}
-    start = {"id": "2-no", "label": False, "scene": [[], [], []]}
+    entry["program"] = "exist(filter_obj(all_items, is_high)) and count(all_items) == 2"
+    entry["starts"] = [{"id": "2-no", "label": False, "scene": [[], [], []]}]
     header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
-    lines = [
-        header,
-        {**entry, "program": "exist(filter_obj(all_items, is_high)) and count(all_items) == 2", "starts": [start]},
-    ]
-    (path / "lamps.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (path / "lamps.jsonl").write_text(f"{json.dumps(header)}\n{json.dumps(entry)}\n")
     (path / "use.py").write_text(USE)
     (path / "web.py").write_text(WEB)
     (path / "first.py").write_text(FORKS)
@@ -174,17 +171,14 @@ def test_first_command__knows_what_an_installed_package_adds(said, command):
 
 
 @pytest.mark.long
-def test_recipes__work_in_batches_workers_and_games(installed):
-    pytest.importorskip("pettingzoo")
-    done = run_in(installed, "use.py", "lamps.jsonl")
-    assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
-
-
-@pytest.mark.long
-def test_browser__plays_an_appearance_of_an_installed_package(installed):
-    pytest.importorskip("fastapi")
-    done = run_in(installed, "web.py")
-    assert done.stdout.splitlines()[-1:] == ["201 Exactly two of the lamps shine."], done.stderr
+@pytest.mark.parametrize(
+    ("script", "module", "last"),
+    [("use.py", "pettingzoo", "used"), ("web.py", "fastapi", "201 Exactly two of the lamps shine.")],
+)
+def test_recipes__work_in_batches_workers_and_games_and_in_the_browser(installed, script, module, last):
+    needs(module)
+    done = run_in(installed, script, "lamps.jsonl")
+    assert done.stdout.splitlines()[-1:] == [last], done.stderr
 
 
 @pytest.mark.long

@@ -87,14 +87,14 @@ def test_table__aligns_numbers_right_and_text_left():
     assert shown.split("\n") == ["name  count", "-----------", "a     1,000", "long      -", "b       2.5"]
 
 
-@pytest.mark.parametrize("width", [30, 120])
-def test_table__continues_below_what_does_not_fit(width):
+@pytest.mark.parametrize(("width", "parts"), [(30, 6), (120, 1)])
+def test_table__continues_below_what_does_not_fit(width, parts):
     names = ["mean reward", "wrong stop", "invalid action", "horizon", "words", "seen"]
     text = table(["policy", *names], [("imitation", *[1_000] * 6), ("expert", *["94.7 % of 150"] * 6)], width)
     lines = text.splitlines()
     assert max(map(len, lines)) <= width
     assert all(f" {name}" in text for name in names)
-    assert sum(line.startswith("expert ") for line in lines) == {30: 6, 120: 1}[width]
+    assert sum(line.startswith("expert ") for line in lines) == parts
 
 
 def test_table__fits_columns_without_a_terminal(monkeypatch):

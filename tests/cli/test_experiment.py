@@ -333,7 +333,7 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(tmp_path, own, c
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     (place / "finished" / "policies.json").unlink()
     succeeds(command)
-    changed = {path.parts[-2] for path, when in before.items() if path.stat().st_mtime_ns != when}
+    changed = {path.parent.name for path, when in before.items() if path.stat().st_mtime_ns != when}
     assert changed == {"policies", "logs", "finished"}
     capsys.readouterr()
     run = place / "runs" / "ppo-TowerScratch-0"  # already recorded, so not evaluated again

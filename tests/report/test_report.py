@@ -333,10 +333,10 @@ def test_report__damaged_evaluations_are_named(tmp_path):
 def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path):
     for seed, width in enumerate((64, 128, 128)):
         written(tmp_path, recipe={"width": width, "seed": seed}, training_seed=seed)
-    found = load_report_data([tmp_path])
-    assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
-    written(tmp_path / "d", recipe={"width": 128, "seed": 3}, training_seed=3, supervision="programs")
-    assert "mine (width 128, programs)" in {entry.agent for entry in load_report_data([tmp_path]).entries}
+    entries = load_report_data([tmp_path]).entries
+    assert {entry.agent: len(entry.runs) for entry in entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
+    written(tmp_path, recipe={"width": 128, "seed": 3}, training_seed=3, supervision="programs")
+    assert "mine (width 128, programs)" in load_report_data([tmp_path]).agents
 
 
 @pytest.mark.usefixtures("undrawn")
