@@ -18,6 +18,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from tests.command_line import python, succeeds
 from tests.documents import code_blocks
+from tests.json_files import read_json
 from tests.scripts import ROOT, needs
 
 EXAMPLES = ROOT / "examples"
@@ -59,7 +60,7 @@ def test_demo__writes_results_recordings_and_films(tmp_path, capsys, own, monkey
     monkeypatch.setitem(names, "Settings", partial(Settings, corpus=own))
     demo["demo"](tmp_path / "demo", tmp_path / "short.toml")
     printed = capsys.readouterr().out
-    found = json.loads((tmp_path / "demo" / "results.json").read_text())["results"]
+    found = read_json(tmp_path / "demo" / "results.json")["results"]
     agents = {"random type", "random legal", "imitation", "parse-and-plan", "expert"}
     assert {row["agent"].split(" (")[0] for row in found} == agents
     tasks = Settings("TowerScratch", corpus=own).make("dev").evaluation_tasks()
@@ -77,7 +78,7 @@ def test_demo__writes_results_recordings_and_films(tmp_path, capsys, own, monkey
 def test_self_play__grows_both_pools_and_writes_the_curve(run, tmp_path):
     small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--width", "16"]
     printed = run("self_play.py", "--rounds", "1", "--steps", "64", "--out", "played", "--", *small)
-    saved = json.loads((tmp_path / "played" / "verifier-1" / "run.json").read_text())
+    saved = read_json(tmp_path / "played" / "verifier-1" / "run.json")
     assert saved["identity"]["partners"]["proposer"] == ["helpful", "deceptive"]
     names, row = (tmp_path / "played" / "exploitability.csv").read_text().splitlines()
     found = dict(zip(names.split(","), map(float, row.split(",")), strict=True))
@@ -90,8 +91,8 @@ def test_train_masked_ppo__evaluates_the_model_that_it_saves(run, tmp_path):
     needs("sb3_contrib")
     options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "256", "--seed", "1"]
     run("train_masked_ppo.py", *options, "--split", "test", "--json", "results.json")
-    written = json.loads((tmp_path / "results.json").read_text())
-    assert [(row["actions"], row["split"]) for row in written["results"]] == [("greedy", "test"), ("sampled", "test")]
+    rows = read_json(tmp_path / "results.json")["results"]
+    assert [(row["actions"], row["split"]) for row in rows] == [("greedy", "test"), ("sampled", "test")]
     assert (tmp_path / "masked_ppo.zip").exists()
 
 
@@ -115,7 +116,7 @@ def test_tour__runs_and_shows_scenes_a_film_and_a_chart(tmp_path, monkeypatch, c
     monkeypatch.setitem(sys.modules, "IPython.display", display)
     monkeypatch.chdir(tmp_path)
     names, saved = {}, []
-    for cell in json.loads((EXAMPLES / "tour.ipynb").read_text())["cells"]:
+    for cell in read_json(EXAMPLES / "tour.ipynb")["cells"]:
         if cell["cell_type"] == "code":
             exec("".join(cell["source"]), names)
             saved += [output["data"].get("image/png") for output in cell["outputs"] if "data" in output]

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from statistics import fmean
 
 import pytest
 
@@ -55,7 +56,7 @@ def test_test_split__dev_is_of_the_outcomes_of_the_tested_agents():
         found = [each for each in csv.DictReader(file) if each["row"] == "tested" and each["actions"] != "sampled"]
     assert found
     for each in found:
-        share = sum(map(int, each["successes"])) / int(each["episodes"]) / len(each["successes"])
+        share = fmean(map(int, each["successes"])) / int(each["episodes"])
         name = next(name for run, name in TESTED.items() if each["run"].startswith(run))
         cell = row("docs/test_split.md", "Start scenes of test:", name)[
             BUILTIN_CONFIGURATIONS.index(each["configuration"])

@@ -301,11 +301,11 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path, marker, messag
 @pytest.mark.long
 def test_attempts__execute_the_commands_that_are_not_done(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
-    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]]}))
-    plan = [PlannedRun("a", ("mine",), (("fine",),)), PlannedRun("a", ("mine",), (("fine", "test"),))]
-    before, after = (attempt for one in plan for attempt in make_attempts([one], tmp_path, 1))
-    assert (before.status, after.status) == (RunStatus.FINISHED, RunStatus.WAITING)
-    again = Script(plan[1], tmp_path, threads=1)
+    (tmp_path / "finished" / "a.json").write_text('{"commands": [["mine"], ["fine"]]}')
+    before, after = (PlannedRun("a", ("mine",), (words,)) for words in (("fine",), ("fine", "test")))
+    statuses = [attempt.status for attempt in make_attempts([before, after], tmp_path, 1)]
+    assert statuses == [RunStatus.FINISHED, RunStatus.WAITING]
+    again = Script(after, tmp_path, threads=1)
     execute([again], 1, lambda: None, 0.1)
     assert again.status is RunStatus.FINISHED
     assert read_json(again.marker)["commands"] == [["mine"], ["fine"], ["fine", "test"]]

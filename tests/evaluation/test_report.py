@@ -56,14 +56,14 @@ def test_results_text__has_a_row_per_policy():
     assert re.split(" {2,}", row) == [*values, *["25.0 %"] * 3]
 
 
-@pytest.mark.parametrize("width", [80, 120])
-def test_results_text__fits_the_terminal_and_splits_no_word(width):
+@pytest.mark.parametrize(("width", "tables"), [(80, 2), (120, 1)])
+def test_results_text__fits_the_terminal_and_splits_no_word(width, tables):
     other = replace(result(), named=replace(result().named, name="imitation, seed 0"))
     text = results_text([result(), other], width)
     assert max(map(len, text.splitlines())) <= width
     for words in ("wrong stop", "invalid action", "horizon", "imitation, seed 0", *legend([result()]).split()):
         assert words in text
-    assert text.count("\npolicy ") == (2 if width == 80 else 1)
+    assert text.count("\npolicy ") == tables
 
 
 def test_results_text__leads_with_accuracies_by_policy_and_configuration_and_omits_seen_if_there_are_none():
