@@ -3,8 +3,6 @@
 import gc
 import os
 import signal
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -50,10 +48,14 @@ def undrawn(monkeypatch):
 @pytest.fixture(scope="session")
 def installed_form(tmp_path_factory):
     """The package in the layout of a wheel."""
-    pytest.importorskip("setuptools")
+    from tests.command_line import python
+    from tests.scripts import ROOT, needs
+
+    needs("setuptools")
     place = tmp_path_factory.mktemp("installed")
-    build = ["-c", "from setuptools import setup; setup()", "-q", "build_py", "--build-lib", place]
-    subprocess.run([sys.executable, *build], cwd=Path(__file__).parents[1], check=True)
+    program = "from setuptools import setup; setup()"
+    done = python("-c", program, "-q", "build_py", "--build-lib", place, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
     return place
 
 

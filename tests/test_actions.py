@@ -36,7 +36,7 @@ def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(
     columns, rows = grid
     scatter = Scatter(grid)
     assert scatter.decode(0) == STOP
-    for x, y in ((0, 0), (1, 0), (columns - 1, rows - 1)):
+    for x, y in ((0, 0), (1, 0), (columns // 2, rows // 2), (columns - 1, rows - 1)):
         cell = x * rows + y
         assert scatter.decode(1 + columns * rows * 27 + cell) == RemoveItem(x, y)
         for index, kind in enumerate(product(Shape, Colour, Size), 1 + cell * 27):

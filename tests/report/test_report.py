@@ -263,7 +263,7 @@ def test_line_chart__names_few_lines_at_their_ends_without_overlap_and_many_in_a
     named = line_chart([("one", "steps", "%", near)], Looks())
     named.draw_without_rendering()
     labels = [text for text in named.axes[0].texts if text.get_text()]
-    assert "".join(text.get_text() for text in labels) == "abcde"
+    assert [text.get_text() for text in labels] == list("abcde")
     assert not overlap(labels)
     assert not named.legends
     many = line_chart([("one", "steps", "%", [*near, Line("f", [0, 1], [0, 9])])], Looks())
