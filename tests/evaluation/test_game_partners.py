@@ -37,11 +37,15 @@ def test_expert__tells_the_truth_in_the_fewest_actions(settings):
     assert all(judged.holds for record in records for judged in record.judgements[-1:])
 
 
+def measured_lies(game, tasks):
+    """What a deceptive expert reaches with a verifier that accepts everything."""
+    return measure(game, ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE), ALWAYS_ACCEPT, tasks=tasks)
+
+
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
 def test_deceptive_expert__claims_falsely_one_edit_before_a_solution(settings):
     game = env(start="flipit", **settings)
-    expert = ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE)
-    measured = measure(game, expert, ALWAYS_ACCEPT, tasks=some_tasks(game))
+    measured = measured_lies(game, some_tasks(game))
     assert (measured.accepted_false_claims, measured.success_rate) == (1.0, 0.0)
 
 
@@ -49,8 +53,7 @@ def test_deceptive_expert__leaves_a_scene_where_its_claim_would_be_true():
     game = env(protocol="audit", start="scratch")
     solved = [task.id for task in game.unwrapped.tasks if task.solved_by(task.start)][:5]
     assert solved
-    expert = ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE)
-    measured = measure(game, expert, ALWAYS_ACCEPT, tasks=solved)
+    measured = measured_lies(game, solved)
     assert measured.success_rate == 0.0
     assert measured.accepted_false_claims > 0.5  # some statements stay true under most edits
 

@@ -1,6 +1,5 @@
 """A few hand-counted episodes and training runs, and one report on them as text."""
 
-import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from lilgym_mp.evaluation.episode_files import Header, write_episodes
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
-from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, begin_run
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import named
 
@@ -89,29 +88,20 @@ def written(directory, episodes=EPISODES, **changes):
     return directory / name
 
 
-def trained(
-    directory,
-    seed,
-    points,
-    configuration="TowerScratch",
-    **recipe,
-):
+def trained(directory, seed, points, configuration="TowerScratch", **recipe):
     """A PPO run with evaluations: accuracy on all tasks, on tasks with an image, and image accuracy."""
-    directory.mkdir(parents=True)
-    environment = {"configuration": configuration, "corpus": "own"}
     identity = {
         "learner": "ppo",
-        "environment": environment,
+        "environment": {"configuration": configuration, "corpus": "own"},
         "recipe": {"seed": seed, **recipe},
         "tasks_sha256": "e" * 64,
     }
-    run = {"format": FORMAT, "version": VERSION, "identity": identity, "made": {"commit": "abc"}}
-    (directory / "run.json").write_text(json.dumps(run))
-    progress = [{"steps": 10 * (step + 1), "accuracy": 0.2 * (seed + step + 1)} for step in range(2 + seed)]
-    (directory / "progress.jsonl").write_text("\n".join(map(json.dumps, progress)))
+    run = begin_run(directory, identity)
+    for step in range(1, 3 + seed):
+        run.record({"steps": 10 * step, "accuracy": 0.2 * (seed + step)})
     keys = ("steps", "accuracy", "accuracy_with_image", "image_accuracy")
-    lines = [json.dumps(dict(zip(keys, (32 * index, *point), strict=True))) for index, point in enumerate(points)]
-    (directory / "evaluations.jsonl").write_text("\n".join(lines))
+    for index, point in enumerate(points):
+        run.record(dict(zip(keys, (32 * index, *point), strict=True)), EVALUATIONS_FILE)
 
 
 def write_example(directory):

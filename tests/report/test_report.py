@@ -350,7 +350,7 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None), (0.6, None, None)])
     file = tmp_path / "a" / "evaluations.jsonl"
-    file.write_text(file.read_text() + "\n" + file.read_text().replace("0.6", "0.7"))
+    file.write_text(file.read_text() + file.read_text().replace("0.6", "0.7"))
     (curve,) = load_report_data([tmp_path]).curves
     assert [(each["steps"], each["accuracy"]) for each in curve.evaluations] == [(0, 0.5), (32, 0.7)]
 
