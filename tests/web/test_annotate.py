@@ -76,18 +76,18 @@ def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser
     assert line["accepted"] is False
 
 
-def test_submission__that_disagrees_with_a_shown_scene_is_refused_and_not_saved(browser):
-    answer = submit(browser, f"NOT({scenes_of()[0].program})")
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("NOT({})", "does not agree with the shown scenes"),
+        ("(count(all_items) > 0 or is_blue(unique(all_items))) and {}", "fails on a scene without items"),
+    ],
+)
+def test_submission__that_a_shown_or_an_empty_scene_contradicts_is_refused_and_not_saved(browser, program, said):
+    answer = submit(browser, program.format(scenes_of()[0].program))
     assert answer.status_code == 409
-    assert "does not agree with the shown scenes" in answer.json()["message"]
+    assert said in answer.json()["message"]
     assert browser.get(f"{API}/annotations").text == ""
-
-
-def test_submission__that_fails_on_the_empty_scene_is_refused(browser):
-    program = f"(count(all_items) > 0 or is_blue(unique(all_items))) and {scenes_of()[0].program}"
-    answer = submit(browser, program)
-    assert answer.status_code == 409
-    assert "fails on a scene without items" in answer.json()["message"]
 
 
 @pytest.mark.parametrize(

@@ -103,33 +103,27 @@ def keys_of(value):
 @pytest.mark.parametrize(
     ("protocol", "configuration"), list(zip(PROTOCOLS, ["TowerFlipIt", "ScatterFlipIt"] * 2, strict=True))
 )
-def test_responses__contain_only_what_the_seat_may_know(browser, protocol, configuration):
+def test_responses__contain_only_what_the_seat_may_know_until_the_end(browser, protocol, configuration):
     made = begin(
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
     bodies = play_out(browser, people(made))
-    task = live_game(browser.app, made["proposer"]).engine.state.mdp.task
+    state = live_game(browser.app, made["proposer"]).engine.state
+    task = state.mdp.task
     assert json.loads(bodies[0])["intent"] in ("helpful", "deceptive")
     for text in bodies:
         body = json.loads(text)
         assert task.program not in text
         assert task.id not in text
-        if body.get("end"):
-            continue  # revealed once the game is over
+        if body.get("over"):
+            continue
+        assert body.get("end") is None
         assert not {key for key in keys_of(body) if any(word in key for word in FORBIDDEN)}
         if body.get("role") == "verifier":
             assert body["intent"] is None
             assert "helpful" not in text
             assert "deceptive" not in text
-
-
-def test_end__tells_both_seats_the_truth_and_what_each_knew(browser):
-    made = begin(browser, proposer="person", verifier="person", rewards="hidden")
-    bodies = [json.loads(text) for text in play_out(browser, people(made))]
-    assert all(body["end"] is None for body in bodies if "over" in body and not body["over"])
-    state = live_game(browser.app, made["proposer"]).engine.state
     ends = [seat(browser, key)["end"] for key in people(made).values()]
-    task = state.mdp.task
     value = task.truth(state.mdp.scene)
     told = {"reached": value is task.target, "statement": task.statement, "value": value, "target": task.target}
     assert ends == [{**told, "intent": state.intent.name.lower()}] * 2

@@ -29,7 +29,7 @@ def act(browser, episode, action, steps=None):
 
 
 @pytest.mark.parametrize("configuration", ["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"])
-def test_play__the_experts_solution_earns_the_environments_reward(browser, configuration):
+def test_play__the_experts_solution_earns_the_environments_reward_and_legal_is_the_exact_mask(browser, configuration):
     episode = begin(browser, configuration=configuration)
     env = Settings(configuration).make("dev")
     env.reset(options={"task": episode["task_id"]})
@@ -37,6 +37,8 @@ def test_play__the_experts_solution_earns_the_environments_reward(browser, confi
     appearance, reward, info = env.dynamics.appearance, 0.0, {}
     for step in solution["steps"]:
         assert episode["scene"]["picture"].endswith(base64.b64encode(png(env.scene)).decode())
+        names = browser.get(f"{EPISODES}/{episode['id']}/legal").json()["actions"]
+        assert names == [describe(appearance.decode(index)) for index in np.flatnonzero(env.action_masks())]
         response = act(browser, episode, step["action"])
         assert response.status_code == 200, response.text
         episode = response.json()
@@ -45,14 +47,6 @@ def test_play__the_experts_solution_earns_the_environments_reward(browser, confi
     assert episode["over"]
     assert episode["outcome"] == info["outcome"] == "success"
     assert episode["reward"] == pytest.approx(reward)
-
-
-def test_legal__equals_the_exact_mask(browser):
-    episode = begin(browser)
-    names = browser.get(f"{EPISODES}/{episode['id']}/legal").json()["actions"]
-    env = Settings("ScatterFlipIt").make("dev")
-    env.reset(options={"task": episode["task_id"]})
-    assert names == [describe(env.dynamics.appearance.decode(index)) for index in np.flatnonzero(env.action_masks())]
 
 
 def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser):

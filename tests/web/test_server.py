@@ -74,7 +74,7 @@ def test_csrf__a_request_through_a_proxy_needs_its_name_or_x_forwarded_host(tmp_
 
 def test_head__has_the_headers_of_get_and_no_body(app):
     for path in ("/", "/explore", "/assets/style.css", "/api/play/episodes/none"):
-        answers = [Browser(app).client.request(method, path) for method in ("GET", "HEAD")]
+        answers = [Browser(app).request(method, path) for method in ("GET", "HEAD")]
         assert answers[1].status_code == answers[0].status_code
         assert answers[1].headers.get("content-length") == answers[0].headers.get("content-length")
         assert answers[1].content == b""
@@ -150,6 +150,8 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path):
         assert "SameSite=lax" in cookie
         assert browser.get("/").status_code == 200
         assert browser.post(CHECK, EMPTY).status_code == 200
+        answer = browser.get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
+        assert answer.headers["location"] == "./elsewhere.example", "the redirection stays on this server"
 
 
 def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path, monkeypatch):
@@ -159,20 +161,14 @@ def test_token__is_needed_whatever_url_the_host_header_makes(tmp_path, monkeypat
         assert Browser(app).get("/api/watch/recordings").status_code == 401
 
 
-def test_token__the_redirection_stays_on_this_server(tmp_path):
-    with server(tmp_path, token=TOKEN, hosts=None) as app:
-        answer = Browser(app).get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
-        assert answer.headers["location"] == "./elsewhere.example"
-
-
 def test_token__the_cookie_of_another_token_is_refused(tmp_path):
     with server(tmp_path, token=TOKEN, hosts=None) as app:
         browser = Browser(app)
         browser.get(f"/?token={TOKEN}")
-        cookies = dict(browser.client.cookies)
+        cookies = dict(browser.cookies)
     with server(tmp_path, token=f"{TOKEN}-2", hosts=None) as app:
         again = Browser(app)
-        again.client.cookies.update(cookies)
+        again.cookies.update(cookies)
         assert again.get("/").status_code == 401
 
 

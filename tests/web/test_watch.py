@@ -226,10 +226,9 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
         assert found(browser, "expert")["episodes"] == 3
 
 
-def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path):
+def test_watch__offers_agents_only_in_the_configurations_that_they_play(browser):
     pytest.importorskip("torch")
-    with server(tmp_path) as app:
-        page = Browser(app).get("/watch").text
+    page = browser.get("/watch").text
     offered = set(re.findall(r'<option value="agent:(\S+) (\w+)"', page))
     assert ("ppo-tower", "TowerFlipIt") in offered
     assert ("ppo-tower", "ScatterFlipIt") not in offered

@@ -17,19 +17,15 @@ from anyio.from_thread import start_blocking_portal
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
 
-class Browser:
+class Browser(TestClient):
     """A test client with its own cookies."""
 
-    def __init__(self, app, **headers):
-        self.app = app
-        self.client = TestClient(app, raise_server_exceptions=False, headers=headers)
-        self.client.portal = app.state.portal
-
-    def get(self, path, **options):
-        return self.client.get(path, **options)
+    def __init__(self, app):
+        super().__init__(app, raise_server_exceptions=False)
+        self.portal = app.state.portal
 
     def post(self, path, body=None, **options):
-        return self.client.post(path, json=body, **options)
+        return super().post(path, json=body, **options)
 
 
 @contextmanager
