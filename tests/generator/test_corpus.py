@@ -15,7 +15,7 @@ from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
+from lilgym_mp.scene.appearances import make_appearance
 from tests.scenes import items_apart
 
 STABLE = ("generated:2", "tower", "flipit", "dev")
@@ -42,7 +42,6 @@ def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appe
         assert [task.target for task in tasks[place : place + 4]] == [False, True, False, True]
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_start_scenes__differ_in_one_item_within_a_pair(appearance):
     for entry in generated_entries(CorpusSpec(2), appearance, "dev"):
         for place in (0, 2):
@@ -99,7 +98,6 @@ def test_load__rejects_malformed_names(corpus, message):
         load_tasks(corpus, "tower", "scratch", "train")
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_scene_pool__successors_are_one_legal_edit_apart(appearance):
     pool = ScenePool.sample(appearance, random.Random(4), 4)
     dynamics = make_dynamics(make_appearance(appearance))
@@ -111,7 +109,6 @@ def test_scene_pool__successors_are_one_legal_edit_apart(appearance):
         assert set(expansion.successors) <= reached
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_scene_pool__scenes_from_empty_are_in_reach_of_the_horizon(appearance):
     pool = ScenePool.sample(appearance, random.Random(4), 12)
     counts = {sum(1 for _ in scene.items()) for scene in pool.from_empty()}

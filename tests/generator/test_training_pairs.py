@@ -16,7 +16,6 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 from tests.scenes import B, scene, tower
 
-APPEARANCES = ("tower", "scatter")
 DIGESTS = {
     "tower": "366ce960182f0117ba3bc8519948a4ce309fe49025bfeb5337c5966425c0be1f",
     "scatter": "5d99669d6cc4912792b4b9907594dd96b6c7d55d247cfa1c7ec167f5058c55cf",
@@ -53,12 +52,10 @@ def test_training_pairs__about_towers_need_towers():
     assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_conditions__have_probabilities(appearance):
     assert sum(phrase_book(appearance).conditions.values()) < 1 + 1e-9
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
     pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 250):
@@ -67,7 +64,6 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
             assert program.evaluate(shown) in (True, False), pair
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance):
     pool = scenes(appearance, 60)
     sample = pairs(appearance, 150)
@@ -75,7 +71,6 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
     assert varied > 0.55 * len(sample)
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
     programs = {}
@@ -105,7 +100,6 @@ def test_with_noise__adds_no_second_full_stop():
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_statements__are_of_the_level_and_typed_without_noise(appearance, level):
     for statement, program in islice(statements(appearance, level, random.Random(2)), 60):
         assert level_of(program) == level
@@ -125,7 +119,6 @@ def test_level_of__grows_with_size_and_needs_words():
     assert {program: level_of(program) for program in levels} == levels
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance):
     found = [
         pair.statement for level in (2, 3) for pair in islice(statements(appearance, level, random.Random(5)), 400)

@@ -1,6 +1,7 @@
 """Data collection and batches: labels, and colours permuted consistently in words, scenes and actions."""
 
 import numpy as np
+import pytest
 import torch
 
 from lilgym_mp.corpus import load_tasks
@@ -20,9 +21,11 @@ from lilgym_mp.scene.appearances import Tower
 from lilgym_mp.solver import Solver
 
 
-def collected(corpus):
+@pytest.fixture(scope="module")
+def collected(statements):
+    """The entries of the corpus with labelled scenes, and their boxes."""
     table = BoxFeatureTable()
-    entries = entries_from_tasks(load_tasks(corpus, "tower", "flipit", "train"))
+    entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
     collector = DataCollector(make_dynamics(Tower()), table, np.random.default_rng(0))
     for entry in entries:
         collector.collect(entry, 4, 8, [])
@@ -30,8 +33,8 @@ def collected(corpus):
     return entries, table
 
 
-def test_explorer__labels_are_those_of_the_program_and_the_expert(statements):
-    entries, table = collected(statements)
+def test_explorer__labels_are_those_of_the_program_and_the_expert(collected):
+    entries, table = collected
     solver, heads = Solver(make_dynamics(Tower())), action_heads(Tower())
     for entry in entries:
         assert len(entry.with_actions) >= 4
@@ -45,8 +48,8 @@ def test_explorer__labels_are_those_of_the_program_and_the_expert(statements):
                 assert steps == found.steps
 
 
-def test_batch__labels_hold_after_recolouring(statements):
-    entries, table = collected(statements)
+def test_batch__labels_hold_after_recolouring(collected):
+    entries, table = collected
     vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
     heads = action_heads(Tower())
     tokenizer = StatementTokenizer(vocabulary)
