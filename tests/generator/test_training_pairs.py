@@ -10,10 +10,10 @@ import pytest
 
 from lilgym_mp.corpus.generator import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.noise import with_noise
-from lilgym_mp.corpus.generator.writer import phrase_book
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.grouping import grouped
 from tests.scenes import B, scene, tower
 
 DIGESTS = {
@@ -52,10 +52,6 @@ def test_training_pairs__about_towers_need_towers():
     assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
 
 
-def test_conditions__have_probabilities(appearance):
-    assert sum(phrase_book(appearance).conditions.values()) < 1 + 1e-9
-
-
 def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
     pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 250):
@@ -73,10 +69,8 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
-    programs = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 1_500):
-        programs.setdefault(statement, set()).add(program)
-    for statement, found in programs.items():
+    for statement, programs in grouped(pairs(appearance, 1_500, seed=8)).items():
+        found = set(programs)
         if len(found) == 1:
             continue
         truths = {tuple(compile_program(program)(scene) for scene in pool) for program in found}

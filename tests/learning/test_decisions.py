@@ -76,10 +76,10 @@ def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("option", "error"),
-    [
-        ("--record-decisions", "--record-decisions needs --record DIR"),
-        ("--judge-decisions", "--judge-decisions needs --record-decisions"),
-    ],
+    {
+        "--record-decisions": "--record-decisions needs --record DIR",
+        "--judge-decisions": "--judge-decisions needs --record-decisions",
+    }.items(),
 )
 def test_evaluate_command__decisions_need_a_directory(option, error, capsys):
     assert lilgym(f"evaluate --policy expert {option}") != 0

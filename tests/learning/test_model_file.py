@@ -23,6 +23,7 @@ from lilgym_mp.learning.common.model_file import (
     select_device,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
+from tests.learning.conftest import Trap, equal
 
 DESCRIPTION = ModelDescription(
     "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}
@@ -41,14 +42,10 @@ def model(tmp_path):
     return path
 
 
-def test_load__inverts_save(model):
+def test_save__is_inverted_by_load_and_deterministic_and_leaves_no_other_file(model):
     description, tensors = load_model(model)
     assert description == DESCRIPTION
-    assert tensors.keys() == TENSORS.keys()
-    assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
-
-
-def test_save__is_deterministic_and_leaves_no_other_file(model):
+    assert equal(tensors, TENSORS)
     first = model.read_bytes()
     save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
     assert model.read_bytes() == first
@@ -63,12 +60,8 @@ def test_load__rejects_truncated_files(model, kept):
 
 
 def test_load__never_unpickles(tmp_path):
-    class Trap:
-        def __reduce__(self):
-            return (Path.touch, (tmp_path / "opened",))
-
     path = tmp_path / "trap.pt"
-    path.write_bytes(pickle.dumps(Trap()))
+    path.write_bytes(pickle.dumps(Trap(tmp_path / "opened")))
     with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
         load_model(path)
     assert not (tmp_path / "opened").exists()
@@ -144,10 +137,6 @@ def test_open_agent__rejects_other_kinds_and_versions(model, changes, said):
     save_model(model, dataclasses.replace(DESCRIPTION, **changes), TENSORS)
     with pytest.raises(ModelFileError, match=said):
         open_agent(model.parent)
-
-
-def test_open_agent__takes_text_as_a_path():
-    assert open_agent("parse-and-plan").description.kind == "parse-and-plan"
 
 
 def test_open_agent__rejects_directories_without_agent(tmp_path):

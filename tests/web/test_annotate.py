@@ -13,7 +13,7 @@ from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.programs.words import WORDS
 from tests.corpora import small_entries
 from tests.stress.program_language import ATTACKS
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser, assert_refused, server
 
 API = "/api/annotate"
 STATEMENT_ID = "tower-dev-001"
@@ -21,11 +21,15 @@ QUERY = {"appearance": "tower", "split": "dev", "statement_id": STATEMENT_ID}
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
-def scenes_of(statement_id=STATEMENT_ID):
+def scenes_of():
     """The FlipIt tasks of the statement, in file order."""
-    (scratch,) = [task for task in load_tasks("builtin", "tower", "scratch", "dev") if task.id == statement_id]
+    scratch = load_tasks("builtin", "tower", "scratch", "dev").by_id(STATEMENT_ID)
     flipit = load_tasks("builtin", "tower", "flipit", "dev")
     return [task for task in flipit if (task.statement, task.program) == (scratch.statement, scratch.program)]
+
+
+def right_program():
+    return scenes_of()[0].program
 
 
 def overfitted(shown):
@@ -78,15 +82,13 @@ def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser
 
 @pytest.mark.parametrize(
     ("program", "said"),
-    [
-        ("NOT({})", "does not agree with the shown scenes"),
-        ("(count(all_items) > 0 or is_blue(unique(all_items))) and {}", "fails on a scene without items"),
-    ],
+    {
+        "NOT({})": "does not agree with the shown scenes",
+        "(count(all_items) > 0 or is_blue(unique(all_items))) and {}": "fails on a scene without items",
+    }.items(),
 )
 def test_submission__that_a_shown_or_an_empty_scene_contradicts_is_refused_and_not_saved(browser, program, said):
-    answer = submit(browser, program.format(scenes_of()[0].program))
-    assert answer.status_code == 409
-    assert said in answer.json()["message"]
+    assert_refused(submit(browser, program.format(right_program())), 409, said)
     assert browser.get(f"{API}/annotations").text == ""
 
 
@@ -94,9 +96,7 @@ def test_submission__that_a_shown_or_an_empty_scene_contradicts_is_refused_and_n
     "given", [{"program": "   "}, {"program": "exist("}, {"program": "x" * 9_000}, {"name": "  "}, {"name": "x" * 81}]
 )
 def test_submission__without_a_name_or_a_program_is_refused(browser, given):
-    answer = submit(browser, **{"program": scenes_of()[0].program, **given})
-    assert answer.status_code == 422
-    assert answer.json()["message"]
+    assert_refused(submit(browser, **{"program": right_program(), **given}), 422)
 
 
 def test_run__of_an_invalid_program_is_refused(browser):
@@ -104,7 +104,7 @@ def test_run__of_an_invalid_program_is_refused(browser):
 
 
 @pytest.mark.parametrize(
-    ("program", "fault"), [("is_blue(all_items)", "must be an item"), (ATTACKS["sorting seven boxes"], "")]
+    ("program", "fault"), {"is_blue(all_items)": "must be an item", ATTACKS["sorting seven boxes"]: ""}.items()
 )
 def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser, program, fault, monkeypatch):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
@@ -134,7 +134,7 @@ def test_check__reports_the_parsers_error(browser, program):
 
 
 def test_annotation__posted_twice_is_one_row(browser):
-    program = scenes_of()[0].program
+    program = right_program()
     answers = [submit(browser, program, name=name) for name in ("Ada", "Ada", "Bea")]
     assert {answer.status_code for answer in answers} == {201}
     assert len(browser.get(f"{API}/annotations").text.splitlines()) == 2

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import cycle
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -20,7 +20,7 @@ from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from tests.browser import axe_script, chromium, watched_page
 from tests.corpora import small_entries, write_thin_corpus
-from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
+from tests.web.test_annotate import STATEMENT_ID, overfitted, right_program
 from tests.web.web_app import server
 
 uvicorn = pytest.importorskip("uvicorn")
@@ -184,7 +184,7 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     page = opened(*size).page
     _annotate(page)
     shown = page.locator("#scenes img").count()
-    program = scenes_of()[0].program
+    program = right_program()
     page.fill("#program", f"NOT({program})")
     page.click("#run")
     page.wait_for_selector("#messages .error:has-text('does not have the statement')")
@@ -339,18 +339,13 @@ def test_home__is_a_playable_tower_task(page):
 
 
 def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser, tmp_path):
-    with served(tmp_path) as url:
-        context = browser.new_context(
-            base_url=url, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True
-        )
-        try:
-            page = context.new_page()
-            _begin(page)
-            assert page.locator("#board").bounding_box()["y"] < 300
-            assert _in_viewport(page, "#stop")
-            assert page.locator("kbd:visible").count() == 0
-        finally:
-            context.close()
+    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+    with served(tmp_path) as url, closing(browser.new_context(base_url=url, **phone)) as context:
+        page = context.new_page()
+        _begin(page)
+        assert page.locator("#board").bounding_box()["y"] < 300
+        assert _in_viewport(page, "#stop")
+        assert page.locator("kbd:visible").count() == 0
 
 
 def test_game__the_verifier_sees_the_proposed_item(page):
@@ -419,16 +414,17 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(page):
 @pytest.mark.parametrize("dark", [False, True])
 def test_pages__fit_360_pixels_and_load_no_external_resources(opened, dark):
     watched = opened(360, 740, dark=dark)
+    page = watched.page
     for path in PAGES:
-        watched.page.goto(path, wait_until="networkidle")
+        page.goto(path, wait_until="networkidle")
         if path in ("/play", "/game"):
-            watched.page.select_option("[name=configuration]", "ScatterFlipIt")
-            watched.page.click("#setup [type=submit]")
-            watched.page.wait_for_selector(".cells button")
+            page.select_option("[name=configuration]", "ScatterFlipIt")
+            page.click("#setup [type=submit]")
+            page.wait_for_selector(".cells button")
         wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-        assert watched.page.evaluate(wider) <= 0, path
+        assert page.evaluate(wider) <= 0, path
         tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
-        assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
+        assert len(page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
     _assert_clean(watched, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 
@@ -475,7 +471,7 @@ def test_pages__pass_axe_during_and_after_interaction(opened, dark, width):
     page.fill("#program", "exist(")
     page.wait_for_selector("#program-fault:not(:empty)")
     found += _barriers(page, script, "editor with an error")
-    page.fill("#program", scenes_of()[0].program)
+    page.fill("#program", right_program())
     page.click("#run")
     page.wait_for_selector("#submit:not([disabled])")
     found += _barriers(page, script, "editor with an agreeing program")
@@ -509,9 +505,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(opened, runs):
     page = watched.page
     page.goto("/watch")
     page.wait_for_selector("#episodes button")
-    page.select_option(
-        "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
-    )
+    page.select_option("#recording", label=page.inner_text("#recording option:text-matches('^expert')"))
     page.wait_for_selector("#about-title:has-text('expert')")
     page.fill("[name=text]", "black")
     page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
@@ -547,10 +541,6 @@ def test_watch__steps_through_two_recordings_by_keyboard(opened, runs):
     page.reload()
     page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
     _assert_clean(watched, "/picture")  # a reload may cancel requests
-
-
-def _of_expert(title):
-    return title.startswith("expert")
 
 
 def test_watch__without_recordings_lets_a_shipped_agent_play(page):
@@ -636,8 +626,8 @@ def test_beat__the_shared_address_begins_the_same_tasks_again(browser, page):
 def test_explore__the_link_to_recordings_opens_one_with_the_statement(opened, tmp_path):
     from tests.web.test_watch import record
 
-    record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt")
-    record(tmp_path / "runs" / "b", "random-legal", "TowerFlipIt")
+    record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt", decisions="")
+    record(tmp_path / "runs" / "b", "random-legal", decisions="")
     page = opened(runs=tmp_path / "runs").page
     page.goto("/explore/tower/dev/tower-dev-001")
     title = page.inner_text("h1")
@@ -679,14 +669,14 @@ def test_play__a_double_click_acts_once(page):
 
 @pytest.mark.parametrize(
     ("address", "said"),
-    [
-        ("/play?configuration=towerflipit", "there is no configuration “towerflipit”; choose from"),
-        ("/play?split=exam", "there is no split “exam”; choose from"),
-        ("/play?task=nothing", "'nothing'"),
-        ("/play#stale", "there is no such episode"),
-        ("/#stale", "there is no such episode"),
-        ("/beat?configuration=tower", "there is no configuration “tower”"),
-    ],
+    {
+        "/play?configuration=towerflipit": "there is no configuration “towerflipit”; choose from",
+        "/play?split=exam": "there is no split “exam”; choose from",
+        "/play?task=nothing": "'nothing'",
+        "/play#stale": "there is no such episode",
+        "/#stale": "there is no such episode",
+        "/beat?configuration=tower": "there is no configuration “tower”",
+    }.items(),
 )
 def test_play__an_address_that_names_nothing_is_reported_beside_another_task(opened, address, said):
     watched = opened()
@@ -845,8 +835,7 @@ def test_beat__the_address_names_the_opponent(page):
 def test_statement_without_a_program__is_explored_and_annotated(opened, tmp_path):
     blue, pair, _ = small_entries()
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
-    options = {"corpus": str(tmp_path / "open.jsonl")}
-    watched = opened(**options)
+    watched = opened(corpus=str(tmp_path / "open.jsonl"))
     page = watched.page
     page.goto("/explore/tower/train/blue")
     page.wait_for_selector("article:has-text('The statement is true here.')")

@@ -28,6 +28,14 @@ class Browser(TestClient):
         return super().post(path, json=body, **options)
 
 
+def assert_refused(response, status, said=""):
+    """A response of an error has the status, and a message with the text."""
+    assert response.status_code == status, response.text
+    message = response.json()["message"]
+    assert message
+    assert said in message
+
+
 @contextmanager
 def server(directory, **options):
     """The application, with a database in the directory."""

@@ -19,6 +19,8 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.scene.appearances import Tower
 from lilgym_mp.solver import Solver
+from tests.scenes import scene as tower_scene
+from tests.scenes import tower
 
 
 @pytest.fixture(scope="module")
@@ -82,17 +84,9 @@ def test_batch__labels_hold_after_recolouring(collected):
 
 def shown(inputs, row, places):
     """The Tower scene encoded in the inputs."""
-    from lilgym_mp.scene.appearances.tower.geometry import tower_tables
-
-    tables = tower_tables()
-    boxes = []
-    for place in places:
-        held = inputs.by_box[row, place]
-        every = inputs.colours.flatten()
-        colours = every[held[held < len(every)]].tolist()
-        padded = [*colours, *[-1] * (4 - len(colours))]
-        boxes.append(tables.boxes[int(np.flatnonzero((tables.colours == padded).all(1))[0])])
-    return Scene((boxes[0], boxes[1], boxes[2]))
+    every = inputs.colours.flatten()
+    boxes = (inputs.by_box[row, place] for place in places)
+    return tower_scene(*(tower(*map(Colour, every[box[box < len(every)]].tolist())) for box in boxes))
 
 
 def test_vocabulary__drops_likely_misspellings_from_large_corpora():
@@ -101,7 +95,5 @@ def test_vocabulary__drops_likely_misspellings_from_large_corpora():
     many = vocabulary_of(statements + ["three blue blocks"] * 100)
     assert "blue" in many.words
     assert "bleu" not in many.words
-    assert (
-        StatementTokenizer(many).encode("bleu blocks").tolist()
-        == StatementTokenizer(many).encode("blue blocks").tolist()
-    )
+    read, meant = map(StatementTokenizer(many).encode, ("bleu blocks", "blue blocks"))
+    assert read.tolist() == meant.tolist()

@@ -11,17 +11,13 @@ from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 from lilgym_mp.scene.appearances import make_appearance
 
 
-def random_outputs(heads):
-    made = torch.Generator().manual_seed(0)
-    sizes = ((2,), (2, 2), (2, heads.add_count), (2, heads.remove_count), (2, MAX_STEPS))
-    return Outputs(*(3 * torch.randn((2, *size), generator=made) for size in sizes), legal=None)
-
-
 def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance):
     heads = action_heads(make_appearance(appearance))
-    outputs = random_outputs(heads)
+    made = torch.Generator().manual_seed(0)
+    sizes = ((2,), (2, 2), (2, heads.add_count), (2, heads.remove_count), (2, MAX_STEPS))
+    outputs = Outputs(*(3 * torch.randn((2, *size), generator=made) for size in sizes), legal=None)
     targets = torch.tensor([[0, 1], [1, 0]])
-    optimal = torch.rand((2, 2, heads.size), generator=torch.Generator().manual_seed(1)) < 0.3
+    optimal = torch.rand((2, 2, heads.size), generator=made) < 0.3
     optimal[..., 0] = False
     optimal[0, 0, 1 : 1 + heads.add_count] = False  # a set of REMOVEs alone
     optimal[..., -1] = True

@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from numpy.testing import assert_allclose
 
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import make_dynamics
@@ -36,7 +37,7 @@ def test_policy__is_independent_of_the_rest_of_the_batch(appearance):
     together = policy.log_probabilities(STATEMENTS, boxes, targets)
     for row, statement in enumerate(STATEMENTS):
         alone = policy.log_probabilities([statement], boxes[[row]], targets[[row]])
-        np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
+        assert_allclose(alone[0], together[row], atol=1e-4)
 
 
 def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
@@ -62,6 +63,6 @@ def test_policy__is_equivariant_to_box_permutations(appearance):
     stop, adds, removes = np.split(
         policy.log_probabilities(STATEMENTS[:1] * 2, boxes, np.ones(2, np.int64)), [1, 1 + policy.heads.add_count], 1
     )
-    np.testing.assert_allclose(stop[0], stop[1], atol=1e-4)
+    assert_allclose(stop[0], stop[1], atol=1e-4)
     for edits in (adds.reshape(2, 3, -1), removes.reshape(2, 3, -1)):
-        np.testing.assert_allclose(edits[0, order], edits[1], atol=1e-4)
+        assert_allclose(edits[0, order], edits[1], atol=1e-4)

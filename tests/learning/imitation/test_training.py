@@ -47,8 +47,8 @@ def test_resume__continues_interrupted_pretraining(settings, tmp_path, monkeypat
 
     monkeypatch.setattr(TextPretraining, "step", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train_imitation(settings, recipe, tmp_path / "run", updates=40)
-    agent = train_imitation(settings, recipe, tmp_path / "run", updates=40, resume=True)
+        train_imitation(settings, recipe, tmp_path, updates=40)
+    agent = train_imitation(settings, recipe, tmp_path, updates=40, resume=True)
     assert learnt[8:] == pytest.approx([place / 16 for place in range(8, 16)])
     assert agent.description.details["updates"] == 40
 

@@ -51,7 +51,7 @@ def test_training__reads_truths_only_from_counted_stops(settings, tmp_path, name
     settings = replace(settings, configuration=name)
     settings.make("train")
     with counted_stops() as stops:
-        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=6)
+        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path, updates=6)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
 
@@ -131,8 +131,8 @@ def test_interrupted_run__is_resumed(settings, tmp_path, monkeypatch):
 
 def test_budget_spent_before_the_first_step__saves_no_agent(settings, tmp_path):
     with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first update"):
-        train_reward_model(settings, small_recipe(settings), tmp_path / "run", minutes=1e-5)
-    assert not (tmp_path / "run" / AGENT_FILE).exists()
+        train_reward_model(settings, small_recipe(settings), tmp_path, minutes=1e-5)
+    assert not (tmp_path / AGENT_FILE).exists()
 
 
 def test_agent_file__is_loaded_and_named_in_faults(settings, tmp_path):
