@@ -1,9 +1,9 @@
 """Model files: round trips and invalid files."""
 
 import copy
-import dataclasses
 import pickle
 import resource
+from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -119,7 +119,7 @@ def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(
     details = copy.deepcopy(description.details)
     sizes = details["model"]["sizes"] if "model" in details else details.get("network") or details["sizes"]
     sizes |= {key: value for key, value in change.items() if key in ("width", "vocabulary") or key in sizes}
-    save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
+    save_model(tmp_path / AGENT_FILE, replace(description, details=details), tensors)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ModelFileError, match=said):
         open_agent(tmp_path)
@@ -134,7 +134,7 @@ def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(
     ],
 )
 def test_open_agent__rejects_other_kinds_and_versions(model, changes, said):
-    save_model(model, dataclasses.replace(DESCRIPTION, **changes), TENSORS)
+    save_model(model, replace(DESCRIPTION, **changes), TENSORS)
     with pytest.raises(ModelFileError, match=said):
         open_agent(model.parent)
 

@@ -275,7 +275,7 @@ def test_row__that_cannot_be_scored_is_refused(change, message):
 
 
 def test_conversation__plays_one_action_for_each_reply():
-    for row in some("plan", count=4):
+    for row in some("plan"):
         talk, solver = Conversation(row), Solver(make_dynamics(make_appearance("tower")))
         assert row.task.statement in talk.prompt
         total = 0.0

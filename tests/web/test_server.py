@@ -145,7 +145,7 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path):
         assert "SameSite=lax" in cookie
         assert browser.get("/").status_code == 200
         assert browser.post(CHECK, EMPTY).status_code == 200
-        answer = browser.get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
+        answer = Browser(app).get(f"http://testserver//elsewhere.example?token={TOKEN}", follow_redirects=False)
         assert answer.headers["location"] == "./elsewhere.example", "the redirection stays on this server"
 
 

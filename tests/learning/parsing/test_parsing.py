@@ -1,10 +1,10 @@
 """The parser and its agent: normalisation, decoding, training, planning and invalid input."""
 
-import dataclasses
 import math
 import random
 import signal
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,7 +160,7 @@ def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(shares
     assert {one.program for one in candidates} == {source_of(forms[source]) for source in kept}
 
 
-LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
+LEARNING = replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
 
 
 @pytest.mark.long
@@ -184,7 +184,7 @@ def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(own, tmp
 
 def test_training__is_reproducible_by_seed(own, tmp_path):
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
-        train_parser(own, dataclasses.replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
+        train_parser(own, replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
     assert equal(tmp_path / "one", tmp_path / "two")
     assert not equal(tmp_path / "one", tmp_path / "three")
 
@@ -201,7 +201,7 @@ def test_calibration__is_of_the_probabilities_of_the_agent(own, tmp_path, monkey
 
 
 def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
-    recipe = dataclasses.replace(SMALL, updates=16)
+    recipe = replace(SMALL, updates=16)
     steps = []
 
     def interrupt(progress):
@@ -221,7 +221,7 @@ def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
 
 def test_training__drops_generated_statements_that_are_held_out(monkeypatch):
     first = next(training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
-    recipe = dataclasses.replace(SMALL, held_out=0)
+    recipe = replace(SMALL, held_out=0)
     before = training.load_training_data("builtin", recipe)
     shipped = training.held_out_digests("builtin")
     monkeypatch.setattr(training, "held_out_digests", lambda corpus: shipped | {statement_digest(first.statement)})
@@ -493,7 +493,7 @@ def test_agent__plays_only_the_appearances_of_its_corpus(own, tmp_path):
     whole = Path(own).read_text().splitlines(keepends=True)
     tower = tmp_path / "tower.jsonl"
     tower.write_text("".join(line for line in whole if '"scatter"' not in line))
-    train_parser(str(tower), dataclasses.replace(SMALL, updates=2), tmp_path / "run", device="cpu")
+    train_parser(str(tower), replace(SMALL, updates=2), tmp_path / "run", device="cpu")
     agent = open_agent(tmp_path / "run", "cpu")
     with pytest.raises(AgentError, match="does not play ScatterScratch; it plays Tower"):
         agent.policy(Settings("ScatterScratch"))
