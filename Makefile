@@ -54,7 +54,7 @@ demo: install  ## train two agents in about four minutes and evaluate them
 test: install  ## run the tests, without the long ones and without lint
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not long' $(ARGS)
 
-test-long: install  ## run the long tests: full-length commands, tutorials, the site
+test-long: install  ## run the long tests: trainings, full-length commands, tutorials, the site
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m long $(ARGS)
 
 lint: style types readme imports  ## run ruff, pyright, mypy on README's code, and the import contract

@@ -64,6 +64,7 @@ def check_truths(corpus, split, step, count):
     return found
 
 
+@pytest.mark.long
 def test_builtin_programs__truth_follows_every_recolouring():
     assert check_truths("builtin", "dev", 2, 20) > 50
 

@@ -150,6 +150,7 @@ def test_game_ppo__plays_and_reports(run):
     assert re.fullmatch(r" *4,096  [01]\.\d+", last)
 
 
+@pytest.mark.long
 def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tmp_path):
     _needs("sb3_contrib")
     options = ("--steps", "32", "--rollout", "32", "--tasks", "20")

@@ -205,6 +205,7 @@ def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers,
     assert len(firsts) == 3 * episodes
 
 
+@pytest.mark.long
 def test_sampler__is_the_same_in_a_batch_and_in_workers():
     options = {"same_statement": 4, "recolour": True, "empty_starts": 0.5}
     rows = []
@@ -217,6 +218,7 @@ def test_sampler__is_the_same_in_a_batch_and_in_workers():
     assert rows[0] == rows[1]
 
 
+@pytest.mark.long
 def test_sampler__draws_recoloured_and_empty_starts():
     sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
     original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}

@@ -58,6 +58,7 @@ def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(c
 
 
 @pytest.mark.usefixtures("few_actions")
+@pytest.mark.long
 def test_bench__ctrl_c_keeps_results_so_far(capsys, monkeypatch):
     done = []
 

@@ -119,6 +119,7 @@ def test_what_cannot_be_played__is_one_line(arguments, message, runs, capsys):
     assert message in line
 
 
+@pytest.mark.long
 def test_scripted_guide__plays_where_there_is_a_message_for_each_action(tmp_path, own):
     game = f"--protocol critique --configuration TowerScratch --corpus {own}"
     assert not [pair for pair in results(tmp_path, game) if "guide" in pair or "builder" in pair]

@@ -205,6 +205,7 @@ class Script(Attempt):
         super()._call(["--help"] if words[0] == "fine" else ["no-such-command", "{out}"])
 
 
+@pytest.mark.long
 def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
     plans = [PlannedRun("bad", (), (("bad",),)), PlannedRun("good", (), (("fine",),))]
@@ -217,6 +218,7 @@ def test_execute__failure_does_not_stop_other_runs_and_is_logged(tmp_path):
     assert [attempt.status for attempt in again] == [RunStatus.WAITING, RunStatus.FINISHED]
 
 
+@pytest.mark.long
 def test_execute__killed_process_does_not_stop_other_runs(tmp_path):
     slow = ("evaluate", "--policy", "expert", "--configuration", "ScatterFlipIt")
     plans = [PlannedRun("slow", (), (slow,)), PlannedRun("quick", (), (("fine",),))]
@@ -314,6 +316,7 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path, marker, messag
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
 
 
+@pytest.mark.long
 def test_attempts__execute_the_commands_that_are_not_done(tmp_path):
     make_attempts([], tmp_path, 1)  # makes the directories
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]]}))

@@ -49,6 +49,7 @@ def test_train__names_an_evaluation_that_runs(learner, own, capsys):
     succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")
 
 
+@pytest.mark.long
 def test_train__when_interrupted_names_the_command_that_resumes(own, monkeypatch, capsys):
     record = RunDirectory.record
     with monkeypatch.context() as patched:

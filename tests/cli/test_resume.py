@@ -21,6 +21,7 @@ def interrupt(progress):
     os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.long
 def test_ppo__interrupted_after_its_last_rollout_is_finished_by_resuming(own, tmp_path):
     settings, recipe = Settings("TowerScratch", corpus=own), PPORecipe.of("TowerScratch", **PPO)
     with pytest.raises(KeyboardInterrupt):

@@ -30,6 +30,7 @@ def starts(appearance, split):
     return grouped((task.statement, task) for task in load_tasks("builtin", appearance, "flipit", split))
 
 
+@pytest.mark.long
 def test_forms__of_held_out_programs_are_not_in_train_however_they_are_written():
     first = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
     assert program_form(first) == program_form("exist(filter_obj(all_items, lambda y: (is_top(y) and is_black(y))))")
@@ -54,6 +55,7 @@ def test_builtin__is_small_and_has_the_recorded_checksum():
 
 
 @pytest.mark.parametrize(("appearance", "start"), [("tower", "flipit"), ("scatter", "scratch")])
+@pytest.mark.long
 def test_builtin__loads_like_a_validated_copy(appearance, start, tmp_path):
     text = gzip.decompress(SHIPPED.read_bytes())
     (tmp_path / "copy.jsonl").write_bytes(text + b"\n")

@@ -216,6 +216,7 @@ def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(ent
     assert "needs more than 1000000 steps on this scene" in fault.what
 
 
+@pytest.mark.long
 def test_check__counts_the_tasks_of_a_generated_corpus(monkeypatch):
     only = [load_tasks("generated:2", "tower", "flipit", "dev")]
     monkeypatch.setattr("lilgym_mp.corpus.checking.load_all_tasks", lambda corpus: only)

@@ -99,6 +99,7 @@ def test_normalised_words__common_words_never_become_numbers():
     assert normalised_words("thhree fuor twoblocks", KNOWN | {"blocks"}) == ["3", "4", "2", "blocks"]
 
 
+@pytest.mark.long
 def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt():
     statements = {task.statement for tasks in load_all_tasks("builtin") for task in tasks}
     train = {task.statement for tasks in load_all_tasks("builtin", splits=["train"]) for task in tasks}

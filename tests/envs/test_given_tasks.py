@@ -110,6 +110,7 @@ def test_wrappers__encode_statements_of_new_tasks():
 
 
 @pytest.mark.parametrize("make_envs", [gym.make_vec, partial(WorkerVectorEnv, num_workers=2)])
+@pytest.mark.long
 def test_sampler__chooses_the_tasks_of_automatic_resets_too(make_envs):
     make, single = partial(make_envs, TOWER, sampler=sample_new), lambda: gym.make(TOWER, sampler=sample_new)
     check_vector_env(make, single, num_envs=4, modes=MODES, steps=15)

@@ -144,6 +144,7 @@ def test_parquet__holds_the_rows_of_json_lines(tmp_path):
 # Recordings
 
 
+@pytest.mark.long
 def test_recordings__become_a_data_set(tmp_path, capsys):
     out = tmp_path / "own.npz"
     played = "evaluate --policy random-legal --configuration TowerScratch ScatterScratch --record"

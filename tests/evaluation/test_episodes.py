@@ -49,6 +49,7 @@ class AddsThenStops(Policy):
 SIMPLE = NamedPolicy("adds, stops", lambda settings: AddsThenStops(), "nothing", details={"label": "adds", "run": "x"})
 
 
+@pytest.mark.long
 def test_record__contains_the_episodes_and_their_tasks(tmp_path):
     found = record(tmp_path, built_in_policy("random-legal"), replace(TOWER, seed=7))
     seen = training_statements(TOWER.settings)

@@ -26,6 +26,7 @@ def some_tasks(game):
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@pytest.mark.long
 def test_expert__tells_the_truth_in_the_fewest_actions(settings):
     game = env(start="flipit", **settings)
     expert = ExpertProposer(game.unwrapped.dynamics)

@@ -19,6 +19,7 @@ from lilgym_mp.scene.appearances import make_appearance
 from tests.scenes import items_apart
 
 
+@pytest.mark.long
 def test_load_scratch__has_the_documented_number_of_distinct_statements(appearance):
     tasks = load_tasks("generated:2", appearance, "scratch", "dev")
     assert len({normalised(task.statement) for task in tasks}) == len(tasks) == SPLIT_SIZES["dev"]

@@ -33,6 +33,7 @@ def scenes(appearance, number):
 
 
 @pytest.mark.parametrize(("appearance", "digest"), DIGESTS.items())
+@pytest.mark.long
 def test_training_pairs__stay_the_same(appearance, digest):
     found = repr([tuple(pair) for pair in islice(training_pairs(appearance, 0), 6_000)])
     assert hashlib.sha256(found.encode()).hexdigest() == digest, "trained parsers depend on the stream of pairs"
@@ -77,6 +78,7 @@ def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
         assert len(truths) == 1, statement
 
 
+@pytest.mark.long
 def test_training_pairs__bare_numbers_are_sometimes_lower_bounds():
     assert not any(program.startswith("ge(") for program in programs_of_bare_numbers(0))
     assert {program.startswith("ge(") for program in programs_of_bare_numbers(1)} == {True, False}

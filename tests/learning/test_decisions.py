@@ -32,6 +32,7 @@ def steps(episodes):
 
 
 @pytest.mark.parametrize("mask", [True, False])
+@pytest.mark.long
 def test_ppo__records_probabilities_and_the_value(tmp_path, mask):
     settings = Settings("TowerScratch")
     train_ppo(settings, replace(SMALL, mask=mask), tmp_path, steps=32, device="cpu")

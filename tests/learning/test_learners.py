@@ -78,6 +78,7 @@ SHIPPED = [
 
 
 @pytest.mark.parametrize(("name", "configuration"), SHIPPED)
+@pytest.mark.long
 def test_shipped_agents__solve_most_tasks_from_pixels(name, configuration):
     agent, settings = open_agent(Path(name), "cpu"), EnvConfig(configuration)
     assert agent.description.kind in name

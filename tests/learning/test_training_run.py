@@ -41,6 +41,7 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path, full_disk):
     assert sorted(os.listdir(tmp_path)) == [CHECKPOINT_FILE, "run.json"]
 
 
+@pytest.mark.long
 def test_training__on_a_full_disk_prints_one_line(tmp_path, full_disk, capsys):
     out = tmp_path / "run"
     small = "--envs 2 --same-statement 1 --rollout 32 --batch-size 16 --epochs 1"

@@ -141,6 +141,7 @@ def test_command__cross_plays_the_model_with_scripted_partners_and_itself(tmp_pa
     assert all("SECRET" not in path.read_text() for path in tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_command__continues_without_paying_twice(tmp_path, capsys):
     down = [3]
     with served(failing(down, by_role)) as (url, asked):

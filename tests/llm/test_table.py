@@ -55,6 +55,7 @@ def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypat
         assert rows[name][4] == "0/0/0/0/0"
 
 
+@pytest.mark.long
 def test_table__of_texts_alone_keeps_what_was_answered_before_a_failure(tmp_path, monkeypatch):
     monkeypatch.setattr(table, "COLUMNS", ())
     monkeypatch.setattr(table, "GROUPS", {})

@@ -56,6 +56,7 @@ def check(corpus, step):
     return count
 
 
+@pytest.mark.long
 def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
     assert check("builtin", 15) > 100
 

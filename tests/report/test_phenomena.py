@@ -182,6 +182,7 @@ def test_phenomena__an_invalid_program_is_an_error():
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.long
 def test_phenomena__every_builtin_statement_shows_some(appearance):
     tasks = load_tasks("builtin", appearance, "scratch", "train")
     assert [task.id for task in tasks if not phenomena(task.program)] == []

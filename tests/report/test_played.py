@@ -34,6 +34,7 @@ def run(corpus, tmp_path):
     return tmp_path / "run"
 
 
+@pytest.mark.long
 def test_report__has_a_language_model_and_people_beside_policies(run, corpus, tmp_path):
     database = pytest.importorskip("lilgym_mp.contrib.web.database")
     command = f"evaluate --policy expert --configuration TowerScratch --corpus {corpus} --record"

@@ -377,6 +377,7 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     assert (first["steps"], first["accuracy"], second["steps"], second["accuracy"]) == (0, 0.5, 32, 0.7)
 
 
+@pytest.mark.long
 def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path, capsys):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"

@@ -69,6 +69,7 @@ def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance, len
         assert solver.solve(row.task).steps == row.steps
 
 
+@pytest.mark.long
 def test_splits__share_no_meaning_and_statements_are_not_repeated():
     by_split = {split: some("program", count=25, level=2, seed=1, split=split) for split in ("train", "dev", "test")}
     for split, found in by_split.items():
@@ -453,6 +454,7 @@ NEAR_MISSES = [  # programs of generated statements, and one edit away
 
 
 @pytest.mark.parametrize(("program", "edit"), NEAR_MISSES)
+@pytest.mark.long
 def test_checked_truths__tell_a_program_from_one_that_differs_in_crowded_boxes_alone(program, edit):
     checked = checked_truths(program, "scatter")
     mutant = compile_program(program.replace(*edit))

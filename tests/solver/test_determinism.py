@@ -44,6 +44,7 @@ def in_new_process(appearance, order):
     return json.loads(python("-c", code, env=environment).stdout)
 
 
+@pytest.mark.long
 def test_scatter__equal_in_any_order_and_process():
     expected = results("scatter", 1)
     assert results("scatter", 2) == expected  # with what the first call left in caches

@@ -24,6 +24,7 @@ def make(corpus):
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+@pytest.mark.long
 def test_shaping__gives_zero_reward_along_shortest_solutions(make, configuration):
     env = PotentialShaping(make(configuration))
     expert = Expert(env)

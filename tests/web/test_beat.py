@@ -7,6 +7,7 @@ from tests.web.web_app import assert_refused
 pytest.importorskip("torch")
 
 
+@pytest.mark.long
 def test_opponent__is_any_agent_that_plays_the_tasks(browser):
     page = browser.get("/beat").text
     assert '<option value="agent:parse-and-plan" selected>' in page

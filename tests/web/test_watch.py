@@ -60,6 +60,7 @@ def episode(browser, name, index=0):
     return browser.get(f"{API}/{found(browser, name)['id']}/episodes/{index}").json()
 
 
+@pytest.mark.long
 def test_recordings__are_listed_with_their_headers(browser):
     lines = browser.get(API).json()["recordings"]
     assert [(line["name"].split("/")[0], line["configuration"]) for line in lines] == [
@@ -82,6 +83,7 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser, runs):
     assert sorted(runs.rglob("*")) == before
 
 
+@pytest.mark.long
 def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path):
     pytest.importorskip("torch")
     recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")

@@ -83,6 +83,7 @@ def test_single_agent_view__skips_games_that_end_before_its_turn():
     assert max(skipped) > 0
 
 
+@pytest.mark.long
 def test_single_agent_view__raises_if_it_never_has_a_turn():
     view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda turn: ADD_BLUE if turn.action_mask[ADD_BLUE] else 10)
     with pytest.raises(RuntimeError, match="verifier_0 had no turn in 1000 games"):

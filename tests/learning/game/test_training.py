@@ -83,6 +83,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path, three):
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
     ],
 )
+@pytest.mark.long
 def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, protocol, rewards, changes):
     changes = {"configuration": "TowerFlipIt", "horizon": 4, **changes}
     settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
@@ -128,6 +129,7 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
     assert not equal(tmp_path / "a", tmp_path / "c")
 
 
+@pytest.mark.long
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
     trained(tmp_path / "whole", 128, INDEPENDENT)
     with pytest.raises(KeyboardInterrupt):
@@ -141,6 +143,7 @@ def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
 # Partners and warm starts
 
 
+@pytest.mark.long
 def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path):
     trained(tmp_path / "both")
     before = weights(tmp_path / "both")
@@ -191,6 +194,7 @@ def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path):
 SMALL_RUN = "--envs 8 --same-statement 2 --rollout 64 --batch-size 64 --no-recolour --steps 64"
 
 
+@pytest.mark.long
 def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys):
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
     audit = f"train game TowerScratch --protocol audit --rewards '{rewards}' --seed 3 {SMALL_RUN} --out"

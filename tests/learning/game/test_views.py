@@ -59,6 +59,7 @@ def test_guide__hides_statement_and_target_from_the_proposer_and_gives_a_message
 
 
 @pytest.mark.parametrize("algorithm", ["independent", "shared"])
+@pytest.mark.long
 def test_trained_builder__acts_alike_whatever_the_statement(tmp_path, algorithm):
     agent = trained(tmp_path, GUIDED, replace(SMALL, algorithm=algorithm))
     logits = {}
@@ -94,6 +95,7 @@ def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path, al
     assert {*agent.network.state_dict()} == {key for key in run.networks.state_dict() if not key.startswith("critic_")}
 
 
+@pytest.mark.long
 def test_own_protocols_and_terms__train_and_play_by_name(tmp_path, monkeypatch):
     monkeypatch.setitem(PROTOCOLS, "claims", replace(PROTOCOLS["audit"], name="claims"))
     monkeypatch.setitem(TERMS, "boldness", lambda reward, judgement, intent: float(judgement is not None))
@@ -105,6 +107,7 @@ def test_own_protocols_and_terms__train_and_play_by_name(tmp_path, monkeypatch):
     assert measure(env, *map(agent.partner, Role), tasks=env.tasks.ids[:5]).games == 5
 
 
+@pytest.mark.long
 def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path):
     agent = trained(tmp_path, GUIDED)
     assert agent.game.views_by_role() == GUIDED.views_by_role()
@@ -125,6 +128,7 @@ def test_settings__are_saved_with_views_unless_both_agents_see_everything():
     assert again.views_by_role() == blind.views_by_role()
 
 
+@pytest.mark.long
 def test_train__networks_are_built_from_every_part_of_a_view(tmp_path):
     views = {
         "proposer_0": View(scene="none", history=2, refused=False),
@@ -167,6 +171,7 @@ def test_views_without_a_claim__are_refused_in_one_line(tmp_path):
         GameRun(GameSettings(protocol="audit", views=blind), SMALL, tmp_path, steps=64, device="cpu")
 
 
+@pytest.mark.long
 def test_partners__with_other_message_sizes_are_refused_in_one_line(tmp_path):
     trained(tmp_path / "four", GameSettings(protocol="critique"))
     sizes = r"message_size \{'proposer_0': 0, 'verifier_0': 4\}; this game has \{'proposer_0': 0, 'verifier_0': 13\}"
@@ -193,6 +198,7 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path, three):
     assert silent < told - 0.2
 
 
+@pytest.mark.long
 def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path):
     said = []
     trained(tmp_path, GameSettings(protocol="veto"), replace(SMALL, envs=32), say=said.append)  # two turns

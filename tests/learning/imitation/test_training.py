@@ -81,6 +81,7 @@ def test_training__saved_agent_plays_like_the_trained_one_and_equal_seeds_give_e
     assert equal(tmp_path / "run", tmp_path / "again")
 
 
+@pytest.mark.long
 def test_resume__continues_a_killed_run(settings, tmp_path):
     recipe = small_recipe(settings)
 
@@ -97,6 +98,7 @@ def test_resume__continues_a_killed_run(settings, tmp_path):
     assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
+@pytest.mark.long
 def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(settings, tmp_path, monkeypatch):
     recipe = small_recipe(settings, pretraining=0.5)
     train_imitation(settings, recipe, tmp_path, updates=4)

@@ -182,6 +182,7 @@ def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(own, tmp
     assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") < 0.7
 
 
+@pytest.mark.long
 def test_training__is_reproducible_by_seed(own, tmp_path):
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
         train_parser(own, replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
@@ -200,6 +201,7 @@ def test_calibration__is_of_the_probabilities_of_the_agent(own, tmp_path, monkey
         assert next(found) == next(found)
 
 
+@pytest.mark.long
 def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
     recipe = replace(SMALL, updates=16)
     steps = []
@@ -219,6 +221,7 @@ def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
     assert open_agent(tmp_path, "cpu").description.kind == "parse-and-plan"
 
 
+@pytest.mark.long
 def test_training__drops_generated_statements_that_are_held_out(monkeypatch):
     first = next(training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
     recipe = replace(SMALL, held_out=0)

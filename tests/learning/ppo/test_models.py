@@ -39,6 +39,7 @@ def seen(name="TowerFlipIt", count=6):
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+@pytest.mark.long
 def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name):
     states, images = seen(name, 40)
     scenes, scene_of = states.scenes()
@@ -121,6 +122,7 @@ def test_critic__shares_weights_only_if_shared(critic):
 
 
 @pytest.mark.parametrize(("layers", "configuration"), [(C3, "TowerFlipIt"), (C10, "ScatterFlipIt")])
+@pytest.mark.long
 def test_windows__give_the_features_and_gradients_of_whole_images(layers, configuration, monkeypatch):
     encoder = SimpleNamespace(width=4, vectors=lambda statements, device: torch.zeros(len(statements), 4))
     torch.manual_seed(0)

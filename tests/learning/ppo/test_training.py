@@ -109,6 +109,7 @@ def test_train__reports_and_records_each_rollout(tmp_path):
         trained(tmp_path, 96, resume=True)
 
 
+@pytest.mark.long
 def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun):
     identity, progress = read_json(begun / "run.json"), begun / "progress.jsonl"
     (begun / "run.json").write_text(json.dumps({**identity, "finished": False}))
@@ -118,6 +119,7 @@ def test_resume__cuts_progress_back_to_the_checkpoint_of_a_killed_run(begun):
     assert [line["steps"] for line in read_json_lines(progress)] == [32, 64]
 
 
+@pytest.mark.long
 def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun):
     said = []
     trained(begun, 64, resume=True, say=said.append)
@@ -131,6 +133,7 @@ def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun
         {"same_statement": 2, "recolour": True, "stop_forcing": True, "held_out": 0.3},
     ],
 )
+@pytest.mark.long
 def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, flipit, changes):
     recipe = replace(SMALL, validate_every=32, **changes)
     trained(tmp_path / "whole", 128, recipe, flipit)
@@ -146,11 +149,13 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, flipit, 
     assert whole == resumed
 
 
+@pytest.mark.long
 def test_train__works_outside_the_main_thread(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(trained, tmp_path, 32).result().description.details["steps"] == 32
 
 
+@pytest.mark.long
 def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_path, own):
     settings = Settings("TowerScratch", corpus=own)
     agent = trained(tmp_path / "curve", 112, settings=settings, evaluate_every=64)
@@ -176,6 +181,7 @@ def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own, fl
     assert LearningCurve(flipit, SMALL, 1, run).evaluation(adds(1), 0).image_accuracy is None
 
 
+@pytest.mark.long
 def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path, own, flipit, monkeypatch):
     shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])
     kept = []

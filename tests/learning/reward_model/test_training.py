@@ -91,6 +91,7 @@ def test_collector__stops_by_the_shortest_way_from_any_start(settings):
     assert collector.steps == before + 1
 
 
+@pytest.mark.long
 def test_equal_arguments__train_equal_agents(scatter, tmp_path):
     for name in ("one", "other"):
         train(scatter, tmp_path / name, 3, reuse=1, searching=1.0)
@@ -103,6 +104,7 @@ def test_training__survives_a_search_that_begins_a_new_box_table(scatter, tmp_pa
     assert agent.description.details["labels"] == 2 * 3 * 32
 
 
+@pytest.mark.long
 def test_interrupted_run__is_resumed(settings, tmp_path, monkeypatch):
     step = training.RewardModelRun.step
     done = []
