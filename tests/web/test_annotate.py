@@ -44,8 +44,8 @@ def overfitted(shown):
     raise AssertionError("no such program")
 
 
-def submit(browser, program, **more):
-    return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=QUERY)
+def submit(browser, program, query=QUERY, **more):
+    return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=query)
 
 
 def test_procedure__from_the_statement_to_json_lines(browser):
@@ -152,10 +152,8 @@ def test_statement_without_a_program__is_shown_and_annotated_by_the_labels_of_it
         assert [scene["truth"] for scene in shown["scenes"]] == [None, True, False]
         listed = browser.get(f"{API}/statements", params=place).json()
         assert [each["id"] for each in listed] == ["blue", "pair"]
-        for name, program, status in (("blue", "exist(all_items)", 201), ("blue", "not exist(all_items)", 409)):
-            answer = browser.post(
-                f"{API}/annotations", {"program": program, "name": "Ada"}, params={**place, "statement_id": name}
-            )
+        for program, status in (("exist(all_items)", 201), ("not exist(all_items)", 409)):
+            answer = submit(browser, program, {**place, "statement_id": "blue"})
             assert answer.status_code == status
         assert browser.get("/explore", params=place).status_code == 200
         assert browser.get("/play").status_code == 200
