@@ -86,7 +86,7 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser, runs):
 @pytest.mark.long
 def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path):
     pytest.importorskip("torch")
-    recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")
+    recorded = record(tmp_path / "runs", "expert", decisions="")
     recorded.rename(recorded.with_name(f"imitation-TowerFlipIt-dev-0{SUFFIX}"))
     with server(tmp_path, runs=tmp_path / "runs") as app:
         browser, new = Browser(app), {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"}
