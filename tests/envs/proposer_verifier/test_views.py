@@ -8,24 +8,26 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env
-from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.scene.render import draw
-from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game
+from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game, played
 
 PROPOSER, VERIFIER = AGENTS
 
 
 def engine(**settings):
     """The engine after reset, with the only task."""
-    started = GameEngine(game(**settings))
-    started.reset(0, None)
-    return started
+    return played(game(**settings))[0]
+
+
+def seen(engine, role):
+    """The parts of an agent's observation."""
+    return engine.observe(role)["observation"]
 
 
 def test_scene__is_drawn_or_listed_item_by_item():
     game = engine(protocol="joint", image_size="native", views={PROPOSER: "image", VERIFIER: "structured"})
     game.step(ADD_BLUE, 0)
-    drawn, listed = (game.observe(role)["observation"] for role in Role)
+    drawn, listed = (seen(game, role) for role in Role)
     assert np.array_equal(drawn["image"], draw(game.state.mdp.scene, "native"))
     assert "proposal" not in drawn
     assert listed["item_array"].shape == (3, 4, 5)
@@ -35,25 +37,25 @@ def test_scene__is_drawn_or_listed_item_by_item():
 
 def test_tokens__encode_the_statement():
     game = engine()
-    tokens = game.observe(Role.PROPOSER)["observation"]["statement"]
+    tokens = seen(game, Role.PROPOSER)["statement"]
     assert game.game.sizes.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
 def test_proposal__is_observed_in_the_released_array_form_until_answered():
     game = engine()
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
-    game.step(ADD_BLUE, None)
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [1, 0, 2]
-    game.step(None, REJECT)
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
+    proposals = [seen(game, Role.VERIFIER)["proposal"].tolist()]
+    for actions in ((ADD_BLUE, None), (None, REJECT)):
+        game.step(*actions)
+        proposals.append(seen(game, Role.VERIFIER)["proposal"].tolist())
+    assert proposals == [[-1, -1, -1], [1, 0, 2], [-1, -1, -1]]
 
 
 def test_history__holds_the_last_turns_newest_last():
     game = engine(views={"history": 3}, message_size=2)
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
     game.step(None, game.game.encode_action(Role.VERIFIER, REJECT, message=1))
-    nothing, proposed, rejected = game.observe(Role.PROPOSER)["observation"]["history"].tolist()
+    nothing, proposed, rejected = seen(game, Role.PROPOSER)["history"].tolist()
     assert nothing == [-1] * 6
     assert proposed == [1, 0, 2, -1, 2, 0]
     assert rejected == [-1, -1, -1, REJECT, 2, 1]
@@ -62,15 +64,15 @@ def test_history__holds_the_last_turns_newest_last():
 def test_message__is_the_other_agents_last_message():
     game = engine(message_size={PROPOSER: 2, VERIFIER: 0})
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
-    assert game.observe(Role.VERIFIER)["observation"]["message"] == 2
-    assert "message" not in game.observe(Role.PROPOSER)["observation"]
+    assert seen(game, Role.VERIFIER)["message"] == 2
+    assert "message" not in seen(game, Role.PROPOSER)
 
 
 def test_view__can_omit_all_parts_but_one():
     nothing = View(scene="none", statement="none", target=False, proposal=False, refused=False)
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False, refused=False)}
-    assert set(engine(views=views).observe(Role.VERIFIER)["observation"]) == {"target"}
-    assert engine(views=nothing).observe(Role.PROPOSER)["observation"] == {}
+    assert set(seen(engine(views=views), Role.VERIFIER)) == {"target"}
+    assert seen(engine(views=nothing), Role.PROPOSER) == {}
 
 
 def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():
