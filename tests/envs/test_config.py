@@ -12,7 +12,7 @@ from lilgym_mp.cli import parse_args
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.wrappers import TokenizedStatement, action_mask_v0, tokenized_statement_v0
+from lilgym_mp.wrappers import FlatObservation, StopForcing, TokenizedStatement, action_mask_v0, tokenized_statement_v0
 from tests.command_line import python
 from tests.corpora import write_own_corpus
 
@@ -125,13 +125,20 @@ def test_options__a_tilde_is_the_home_directory(command, monkeypatch):
 WORDS = Vocabulary(("a", "box", "block"))
 
 
-def test_spec__from_json_makes_the_same_environment():
-    arrays = gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60)
-    wrapped = TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60)
-    for env in (arrays, wrapped):
-        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-        assert again.observation_space == env.observation_space
-        assert again.get_wrapper_attr("vocabulary") == WORDS
+@pytest.mark.parametrize(
+    "env",
+    [
+        gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60),
+        TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60),
+        FlatObservation(TokenizedStatement(StopForcing(gym.make("lilgym_mp/TowerScratch-v0")))),
+    ],
+    ids=str,
+)
+def test_spec__from_json_makes_the_same_environment(env):
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert str(again) == str(env)
+    assert again.observation_space == env.observation_space
+    assert again.get_wrapper_attr("vocabulary") == env.get_wrapper_attr("vocabulary")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,6 @@ from lilgym_mp.wrappers import (
     structured_observation_v0,
     tokenized_statement_v0,
 )
-from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 KINDS = {
@@ -77,10 +76,15 @@ def test_reset__plays_a_task_of_the_caller_like_a_single_environment(make, appea
         assert rewards[-1] == single.step(0)[1]
 
 
-def test_reset__a_task_of_the_corpus_keeps_its_index(make):
+def test_reset__accepts_one_task_of_the_corpus_for_all_environments_or_one_each(make):
     envs = make(TOWER)
-    envs.reset(options={"task": envs.tasks[3]})
-    assert set(envs.task_indices) == {3}
+    for task in (envs.tasks[3], envs.tasks.ids[3]):
+        envs.reset(options={"task": task})
+        assert set(envs.task_indices) == {3}
+    indices = [*range(envs.num_envs)][::-1]
+    envs.reset(options={"task": [envs.tasks.ids[index] for index in indices]})
+    assert envs.task_indices.tolist() == indices
+    assert [state.task for state in envs.states()] == [envs.tasks[index] for index in indices]
 
 
 @pytest.mark.parametrize(
@@ -131,8 +135,8 @@ def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation():
 
 
 def play(envs, seed, steps):
-    generator = np.random.default_rng(seed)
-    return [envs.step(random_actions(envs.action_masks(), generator)) for _ in range(steps)]
+    envs.action_space.seed(seed)
+    return [envs.step(envs.action_space.sample()) for _ in range(steps)]
 
 
 @pytest.mark.parametrize(

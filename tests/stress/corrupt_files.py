@@ -5,6 +5,7 @@ import json
 import random
 import tempfile
 from collections import Counter
+from itertools import cycle, islice
 from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
@@ -15,13 +16,6 @@ SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "si
 PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
 ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
 CORRUPTIONS = ("flip", "cut", "repeat", "odd value", "lost key", "deep", "gzip", "not text")
-
-
-def corpus_bytes():
-    with tempfile.TemporaryDirectory() as directory:
-        path = Path(directory) / "good.jsonl"
-        write_corpus(path, "own", "MIT", [ENTRY])
-        return path.read_bytes()
 
 
 def corrupt(good, corruption, rng):
@@ -60,12 +54,13 @@ def corrupt_corpora(count, seed):
 
     Errors other than CorpusError are raised.
     """
-    rng, good = random.Random(seed), corpus_bytes()
+    rng = random.Random(seed)
     found, faults = Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as directory:
-        for index in range(count):
-            corruption = CORRUPTIONS[index % len(CORRUPTIONS)]
-            path = Path(directory) / f"{index}.jsonl"
+        path = Path(directory) / "own.jsonl"
+        write_corpus(path, "own", "MIT", [ENTRY])
+        good = path.read_bytes()
+        for corruption in islice(cycle(CORRUPTIONS), count):
             path.write_bytes(corrupt(good, corruption, rng))
             try:
                 load_tasks(path, "scatter", rng.choice(("scratch", "flipit")), "train")
@@ -73,5 +68,4 @@ def corrupt_corpora(count, seed):
             except CorpusError as error:
                 faults += [] if str(error).isprintable() else [f"{corruption}: {str(error)!r}"]
                 found[f"{corruption}: reported"] += 1
-            path.unlink()
     return found, faults

@@ -92,8 +92,13 @@ def test_spaces__are_the_same_for_every_split(split):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copy_in_mid_game__continues_alike(copied):
+def test_copies__draw_their_own_tasks_if_unseeded_and_continue_a_game_alike(copied):
     game = parallel_env(protocol="joint", views={"history": 2})
+    drawn = set()
+    for unseeded in (copied(game) for _ in range(8)):
+        unseeded.reset()
+        drawn.add(unseeded.task.id)
+    assert len(drawn) > 1
     game.reset(seed=3)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
     twin = copied(game)
