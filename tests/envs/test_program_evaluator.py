@@ -99,8 +99,7 @@ OPERATIONS = {
 def test_goals__equal_the_values_of_programs_with_each_operation(appearance, source):
     boxes = StackBoxLowering(tower_tables().boxes) if appearance == "tower" else ItemBoxLowering()
     written = instructions(compile_program(source).tree, boxes.lower_box_function)
-    assert written is not None
-    expected = OPERATIONS[source] if appearance == "scatter" else set[Operation]()  # a tower's boxes are tables
+    expected = OPERATIONS[source] if appearance == "scatter" else set()  # a tower's boxes are tables
     assert expected <= {instruction.operation for instruction in written}
     starts = [STACKED, scene(), scene_of("tower b | tower bkkk"), *([MIXED] if appearance == "scatter" else [])]
     tasks = [Task("own", "It is so.", source, target, start) for start in starts for target in (True, False)]

@@ -6,6 +6,7 @@ from lilgym_mp.envs.rules import Outcome, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.solver import Solver
 from tests.scenes import scene_of
 
 CROWD = scene_of(
@@ -62,3 +63,11 @@ def optimal_by_trial(dynamics, state, max_edits):
         if reached:
             return edits, set().union(*reached) or {0}
     return None, set()
+
+
+def check_optimal_actions(dynamics, state, max_edits):
+    """The expert finds the optimal first actions, all of them; there must be some. Returns the distance."""
+    edits, firsts = optimal_by_trial(dynamics, state, max_edits)
+    found = Solver(dynamics).optimal_actions(state)
+    assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1)
+    return edits

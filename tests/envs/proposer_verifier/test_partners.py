@@ -86,7 +86,7 @@ def test_single_agent_view__skips_games_that_end_before_its_turn():
 
 
 def test_single_agent_view__raises_if_it_never_has_a_turn():
-    view = SingleAgentView(env(protocol="audit"), VERIFIER, lambda turn: ADD_BLUE if turn.action_mask[ADD_BLUE] else 10)
+    view = SingleAgentView(env(protocol="audit", horizon=1), VERIFIER, lambda turn: ADD_BLUE)
     with pytest.raises(RuntimeError, match="verifier_0 had no turn in 1000 games"):
         view.reset(seed=0)
 
