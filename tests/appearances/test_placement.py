@@ -92,11 +92,12 @@ def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint)
 
 @pytest.mark.parametrize("footprint", [0, 8])
 def test_shipped_ties__equal_those_that_the_script_finds(footprint):
-    shipped = np.load(files("lilgym_mp.data") / "placement.npz")
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
-    ends = shipped["tie_counts"].cumsum(dtype=int)
-    segments = dict(zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True))
+    with np.load(files("lilgym_mp.data") / "placement.npz") as shipped:
+        ends = shipped["tie_counts"].cumsum(dtype=int)
+        pairs = zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True)
+    segments = dict(pairs)
     built = script.ties(footprint, other, script.clearance_codes(footprint, other))
     assert [first + index for index in built] == [i for i in segments if first <= i < first + OFFSET_COUNT**2]
     assert all(np.array_equal(segments[first + index], pairs) for index, pairs in built.items())

@@ -1,6 +1,7 @@
 """Tasks from callers: `Task`s in reset options, samplers, and snapshots of batches."""
 
 import pickle
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 
@@ -48,15 +49,8 @@ def sample_new(generator, env_id):
 
 @pytest.fixture(params=KINDS)
 def make(request):
-    made = []
-
-    def make(id, **settings):
-        made.append(KINDS[request.param](id, **settings))
-        return made[-1]
-
-    yield make
-    for env in made:
-        env.close()
+    with ExitStack() as made:
+        yield lambda id, **settings: made.enter_context(closing(KINDS[request.param](id, **settings)))
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])

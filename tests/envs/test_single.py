@@ -23,7 +23,6 @@ CONFIGURATIONS = {
     "lilgym_mp/ScatterScratch-v0": ("scatter", "scratch", 2661),
     "lilgym_mp/ScatterFlipIt-v0": ("scatter", "flipit", 2661),
 }
-EVERY = pytest.mark.parametrize("name", CONFIGURATIONS)
 DUPLICATES = pytest.mark.parametrize(
     "duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deepcopy", "pickle"]
 )
@@ -40,7 +39,7 @@ def make(name, **settings):
 # What it is
 
 
-@EVERY
+@pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_make__spaces_are_the_documented_ones(name):
     env = make(name)
     assert env.action_space == gym.spaces.Discrete(CONFIGURATIONS[name][2])

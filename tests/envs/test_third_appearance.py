@@ -58,11 +58,9 @@ def test_third_appearance__works_in_the_two_agent_game(corpus):
 
 
 def test_third_appearance__is_refused_by_expert_and_generator():
-    with pytest.raises(ValueError, match=r"'lamps' has no expert; those that have one: scatter, tower"):
+    with pytest.raises(ValueError, match="'lamps' has no expert; those that have one: scatter, tower"):
         Solver(make_dynamics(Lamps()))
-    with pytest.raises(
-        ValueError, match=r"'lamps' has no generator of statements; those that have one: scatter, tower"
-    ):
+    with pytest.raises(ValueError, match="'lamps' has no generator of statements; those that have one: scatter, tower"):
         load_tasks("generated:1", NAME, "scratch", "train")
 
 

@@ -96,7 +96,6 @@ FUNCTION_WORDS = {
     "box:truth": ("exist", "count", "set"),
 }
 _PART = re.compile(r"(?<!\{)\{([a-z:]+)\}")
-Bound = tuple[tuple[str, str], ...]  # variables in scope: name and type
 
 
 class TypedPrograms:
