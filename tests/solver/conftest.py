@@ -42,17 +42,19 @@ STATEMENTS = (
 )
 
 
-@pytest.fixture(scope="session")
-def corpus(tmp_path_factory):
-    """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
-    path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
-    entries = [
+def corpus_entries(split):
+    return [
         entry(
             *(f"{split}-{index}", appearance, split, *told),
             **{str(number): scene_of(start).to_json() for number, start in enumerate(starts)},
         )
-        for split in ("train", "dev")
         for index, (appearance, *told, starts) in enumerate(STATEMENTS)
     ]
-    write_corpus(path, "own", "MIT", entries)
+
+
+@pytest.fixture(scope="session")
+def corpus(tmp_path_factory):
+    """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
+    path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
+    write_corpus(path, "own", "MIT", corpus_entries("train") + corpus_entries("dev"))
     return str(path)
