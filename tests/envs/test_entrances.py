@@ -7,6 +7,7 @@ from unittest import mock
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import WrapperSpec
 
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.testing import assert_same
@@ -14,7 +15,7 @@ from tests.stress.program_language import run_limited
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 BATCHES = pytest.mark.parametrize("make", ["batch", "workers"], indirect=True)
-WRAPPED = gym.wrappers.TransformReward(gym.make(TOWER), float).spec
+WRAPPER = WrapperSpec("TransformReward", "gymnasium.wrappers:TransformReward", {"func": float})
 
 
 @BATCHES
@@ -22,7 +23,7 @@ WRAPPED = gym.wrappers.TransformReward(gym.make(TOWER), float).spec
     ("settings", "error", "message"),
     [
         ({"max_episode_steps": 3}, TypeError, "'max_episode_steps'; use horizon=N"),
-        ({"additional_wrappers": WRAPPED.additional_wrappers}, gym.error.Error, "additional_wrappers"),
+        ({"additional_wrappers": (WRAPPER,)}, gym.error.Error, "additional_wrappers"),
     ],
 )
 def test_own_id__with_a_limit_of_steps_or_wrappers_is_refused_by_batches(make, settings, error, message):

@@ -7,12 +7,6 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.solver import Solver
-from tests.scenes import scene_of
-
-CROWD = scene_of(
-    "circle 0,0 large blue; square 40,0 large black; triangle 0,40 large"
-    "| circle 20,20 small blue; square 60,60 black; circle 61,5 blue | triangle 70,70 large blue; square 0,80"
-)
 
 
 def task(program, start=None, *, target=True):

@@ -7,7 +7,8 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
-from tests.solver.tasks import CROWD, after_random_edits, check_optimal_actions, mdp, optimal_by_trial, task
+from tests.scenes import scene_of
+from tests.solver.tasks import after_random_edits, check_optimal_actions, mdp, optimal_by_trial, task
 
 CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for start in ("scratch", "flipit")]
 
@@ -41,10 +42,14 @@ NO_WALL = "count(filter_obj(all_items, lambda x: is_black(x) and not is_touching
 CROWDED_BOX = "exist(filter_obj(all_boxes, lambda b: count(filter_obj(b, is_blue)) >= 3))"
 CORNERS = "count(filter_obj(all_items, lambda x: is_small(x) and is_touching_corner(x))) == 2"
 FEWER = "exist(filter_obj(all_boxes, lambda b: count(b) == 1)) and count(all_items) >= 5"
+FULL = scene_of(
+    "circle 0,0 large blue; square 40,0 large black; triangle 0,40 large; square 70,70 large blue"
+    "| circle 20,20 small blue; square 60,60 black; circle 61,5 blue | triangle 70,70 large blue; square 0,80"
+)
 
 
 @pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
-@pytest.mark.parametrize(("rules", "start"), [("release", Scene.empty()), ("paper", CROWD)], ids=["empty", "full"])
+@pytest.mark.parametrize(("rules", "start"), [("release", Scene.empty()), ("paper", FULL)], ids=["empty", "full"])
 def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules, program, start):
     """On a sample of the actions in the set and of the others."""
     dynamics = mdp("scatter", rules)

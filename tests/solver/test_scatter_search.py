@@ -12,7 +12,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, RemoveItem, describe
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import scene_of
-from tests.solver.tasks import CROWD, mdp, optimal_by_trial, played, task
+from tests.solver.tasks import mdp, optimal_by_trial, played, task
 
 BLUE_CIRCLE = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))"
 SMALL_AT_THE_FLOOR = "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_wall(x, Side.BOTTOM)))"
@@ -27,6 +27,10 @@ TOUCHING_PAIR = (
 SAME_COLOURS = "query_color(all_boxes[0]) == query_color(all_boxes[1]) and count(all_boxes[0]) == 2"
 A_TOWER = "exist(filter_obj(all_boxes, lambda b: b.is_tower() and count(b) == 2))"
 FIVE_A_BOX = "count(filter_obj(all_boxes, lambda b: count(b) >= 5)) == 3"
+CROWD = scene_of(
+    "circle 0,0 large blue; square 40,0 large black; triangle 0,40 large"
+    "| circle 20,20 small blue; square 60,60 black; circle 61,5 blue | triangle 70,70 large blue; square 0,80"
+)
 PROGRAMS = (
     BLUE_CIRCLE,
     SMALL_AT_THE_FLOOR,

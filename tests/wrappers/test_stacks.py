@@ -18,7 +18,7 @@ ALONE = [(name, settings) for name, each in SETTINGS.items() for settings in eac
 IDS = [
     "-".join([name, *(f"{key}={value}" for key, value in each.items() if not callable(value))]) for name, each in ALONE
 ]
-FACTORIES = {name: getattr(wrappers, name) for name in dir(wrappers) if name.endswith("_v0")}
+FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.endswith("_v0")}
 
 
 @pytest.mark.parametrize(

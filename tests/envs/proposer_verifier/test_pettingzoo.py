@@ -215,12 +215,14 @@ def test_step__before_reset_and_after_the_end_is_refused(form):
         game.step(actions[0])
 
 
-def test_step__refuses_actions_for_others():
+def test_step__refuses_actions_for_others_and_none_from_the_agent_to_move():
     game = parallel_env()
     game.reset(seed=0)
     for actions in ({}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}):
         with pytest.raises(TurnError, match="for proposer_0 and verifier_0, not for"):
             game.step(actions)
+    with pytest.raises(TurnError, match="it is the turn of proposer_0: it must act"):
+        game.step({PROPOSER: None, VERIFIER: 2})
 
 
 @pytest.mark.parametrize("action", [-1, 14, 1.0, True, [1]])
