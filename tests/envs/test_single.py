@@ -213,16 +213,6 @@ def test_copy__continues_an_episode_independently(name, duplicate):
     assert env.state is not other.state
 
 
-@TWO
-def test_spec__survives_json_and_makes_the_same_environment(name):
-    settings = {"split": "dev", "rules": "release", "grid": (38, 10), "image_size": "native", "horizon": 7}
-    env = gym.make(name, render_mode="rgb_array", **settings)
-    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    one, other = env.unwrapped, again.unwrapped
-    assert (one.dynamics, one.tasks.ids, one.render_mode) == (other.dynamics, other.tasks.ids, other.render_mode)
-    assert_same(env.reset(seed=1), again.reset(seed=1))
-
-
 # Pictures
 
 

@@ -9,7 +9,7 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env
 from lilgym_mp.scene.render import draw
-from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game, played
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, game, played
 
 PROPOSER, VERIFIER = AGENTS
 
@@ -42,13 +42,26 @@ def test_tokens__encode_the_statement():
     assert tokens.shape == (8,)
 
 
-def test_proposal__is_observed_in_the_released_array_form_until_answered():
+def test_proposal__is_observed_in_the_released_array_form_until_answered_and_as_refused_until_an_action_is_played():
     game = engine()
-    proposals = [seen(game, Role.VERIFIER)["proposal"].tolist()]
-    for actions in ((ADD_BLUE, None), (None, REJECT)):
+
+    def shown():
+        return [seen(game, Role.VERIFIER)["proposal"].tolist(), seen(game, Role.PROPOSER)["refused"].tolist()]
+
+    found = [shown()]
+    for actions in ((ADD_BLUE, None), (None, REJECT), (ADD_BLUE, None), (None, ACCEPT)):
         game.step(*actions)
-        proposals.append(seen(game, Role.VERIFIER)["proposal"].tolist())
-    assert proposals == [[-1, -1, -1], [1, 0, 2], [-1, -1, -1]]
+        found.append(shown())
+    nothing, blue = [-1, -1, -1], [1, 0, 2]
+    assert found == [[nothing, nothing], [blue, nothing], [nothing, blue], [blue, blue], [nothing, nothing]]
+
+
+def test_proposed_scene__is_the_scene_after_the_proposal():
+    game = engine(views={"scene": "structured", "proposed_scene": True})
+    game.step(ADD_BLUE, None)
+    view = seen(game, Role.VERIFIER)
+    assert (view["item_array"] == -1).all()
+    assert view["proposed_item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
 def test_history__holds_the_last_turns_newest_last():
