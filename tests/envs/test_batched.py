@@ -190,7 +190,7 @@ def test_batched__does_not_leak_memory_over_a_long_run(own_corpus):
 
     def play(steps):
         for _ in range(steps):
-            env.step(env.action_space.sample())
+            env.step(env.action_space.sample(tuple(env.action_masks().astype(np.int8))))
         return tracemalloc.get_traced_memory()[0]
 
     play(30)

@@ -131,7 +131,7 @@ def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation():
 
 def play(envs, seed, steps):
     envs.action_space.seed(seed)
-    return [envs.step(envs.action_space.sample()) for _ in range(steps)]
+    return [envs.step(envs.action_space.sample(tuple(envs.action_masks().astype(np.int8)))) for _ in range(steps)]
 
 
 @pytest.mark.parametrize(
