@@ -121,7 +121,9 @@ def test_official_corpus__is_looked_for_in_the_user_cache(tmp_path, monkeypatch)
 
 def test_official_corpus__missing_corpus_error_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setenv("LILGYM_DATA", str(tmp_path / "nowhere"))
-    with pytest.raises(CorpusError, match=r"nowhere is not a directory .*LILGYM_DATA.*lilgym-mp data download"):
+    with pytest.raises(
+        CorpusError, match=r"official corpus was not found: .*nowhere is not .*LILGYM_DATA.*lilgym-mp data download"
+    ):
         load_tasks("lilgym", "tower", "scratch", "train")
 
 

@@ -1,5 +1,6 @@
 """Training runs: stop signals, a full disk, and checkpoints that are not ours."""
 
+import fcntl
 import os
 import pickle
 import random
@@ -86,6 +87,21 @@ def test_run__is_trained_by_one_process_at_a_time(tmp_path):
     with locked(tmp_path):
         pass
     assert not (tmp_path / LOCK_FILE).exists()
+
+
+def test_run__is_locked_anew_if_the_last_owner_ends_meanwhile(tmp_path, monkeypatch):
+    path = tmp_path / LOCK_FILE
+
+    def lock_too_late(*how):
+        path.unlink()
+        monkeypatch.undo()
+        fcntl.flock(*how)
+
+    monkeypatch.setattr(fcntl, "flock", lock_too_late)
+    with locked(tmp_path):
+        assert path.read_text() == str(os.getpid())
+        with pytest.raises(OutputError, match="in use by process"), locked(tmp_path):
+            pass
 
 
 def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
