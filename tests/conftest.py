@@ -74,6 +74,12 @@ def golden():
     return _directory_or_skip("golden")
 
 
+@pytest.fixture(params=["scatter", "tower"])
+def appearance(request):
+    """The name of each appearance."""
+    return request.param
+
+
 def _directory_or_skip(fixture):
     variable, contents = SOURCES[fixture]
     directory = os.environ.get(variable)

@@ -24,11 +24,12 @@ def all_or_sampled(appearance):
 
 
 @pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
-def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance):
+def test_actions__are_recovered_from_indices_arrays_and_names(appearance):
     for index in all_or_sampled(appearance):
         action = appearance.decode(index)
         assert appearance.encode(action) == index
         assert appearance.from_array(appearance.to_array(action)) == action
+        assert named(describe(action)) == action
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)

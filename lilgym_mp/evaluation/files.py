@@ -61,6 +61,10 @@ def locked(directory: Path) -> Iterator[None]:
         except BlockingIOError:
             file.seek(0)
             raise OutputError(f"{directory} is in use by process {file.read()}; wait for it, or stop it") from None
+        if os.fstat(file.fileno()).st_nlink == 0:  # its last owner removed it before it was locked here
+            with locked(directory):
+                yield
+            return
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()

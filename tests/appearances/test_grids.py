@@ -2,7 +2,6 @@
 
 from itertools import product
 
-import numpy as np
 import pytest
 
 from lilgym_mp.envs.rules import RULE_SETS
@@ -34,12 +33,6 @@ def test_grid__every_documented_one_tiles_the_image():
         ]
         pixels = [x for column in separators for x in range(column * width, (column + 1) * width)]
         assert pixels == [*range(100, 140), *range(240, 280)]
-
-
-@pytest.mark.parametrize("grid", [[19, 5], (np.int64(19), np.int32(5))], ids=str)
-def test_grid__accepts_lists_and_numpy_integers(grid):
-    assert checked_grid(grid) == (19, 5)
-    assert Scatter(grid).grid == (19, 5)
 
 
 def test_grid__columns_that_straddle_a_separator_are_refused_with_the_choices():

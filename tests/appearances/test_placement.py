@@ -28,11 +28,6 @@ FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
 
 
-def placed(footprint, x, y):
-    """(69 * 69,) polygons of a footprint, by offset from a place."""
-    return np.array([script.footprint_polygon(footprint, x + dx, y + dy) for dx in SPAN for dy in SPAN])
-
-
 def codes_of(new, older):
     """(n,) clearance codes of polygons, two by two."""
     distances = shapely.distance(new, older)
@@ -47,10 +42,6 @@ def moves_of(new, older):
     """(n, 2) how far the truncated nearest point of each new polygon is from that of its older one."""
     ends = np.trunc(shapely.get_coordinates(shapely.shortest_line(new, older))).reshape(-1, 2, 2)
     return (ends[:, 1] - ends[:, 0]).astype(np.int64)
-
-
-def item_of(footprint, x, y):
-    return Item(x, y, Shape(footprint // 3), Colour.BLUE, Size(footprint % 3))
 
 
 @pytest.mark.parametrize("footprint", FOOTPRINTS)
@@ -73,7 +64,8 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
 )
 def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_box(older_footprint, footprints):
     x, y = 37 + older_footprint, 45 - older_footprint  # not where the script puts it
-    tables, older = placement_tables(), item_of(older_footprint, x, y)
+    tables = placement_tables()
+    older = Item(x, y, Shape(older_footprint // 3), Colour.BLUE, Size(older_footprint % 3))
     places = [(x + dx, y + dy) for dx in SPAN for dy in SPAN]
     for footprint in footprints:
         codes = np.array([tables.closest(footprint, *place, (older,))[0] for place in places])
@@ -81,7 +73,7 @@ def test_overlap_distance_and_move__equal_shapelys_at_every_offset_and_in_every_
         frame_x = BOX_PITCH * (footprint % 3)
         outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, x + frame_x, y))
         shapely.prepare(outlines[0])
-        new = placed(footprint, x + frame_x, y)
+        new = np.array([script.footprint_polygon(footprint, frame_x + place_x, place_y) for place_x, place_y in places])
         assert np.array_equal(codes, codes_of(new, outlines))
         moves = [tables.move(footprint, *places[index], older, frame_x) for index in near]
         assert np.array_equal(moves, moves_of(new[near], outlines[near]))
@@ -98,18 +90,14 @@ def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint)
         assert table.ravel() / AREA_UNIT == pytest.approx(areas, abs=1e-6)
 
 
-@pytest.fixture(scope="module")
-def shipped():
-    with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
-        return dict(arrays)
-
-
 @pytest.mark.parametrize("footprint", [0, 8])
-def test_shipped_ties__equal_those_that_the_script_finds(shipped, footprint):
+def test_shipped_ties__equal_those_that_the_script_finds(footprint):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
-    ends = shipped["tie_counts"].cumsum(dtype=int)
-    segments = dict(zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True))
+    with np.load(files("lilgym_mp.data") / "placement.npz") as shipped:
+        ends = shipped["tie_counts"].cumsum(dtype=int)
+        pairs = zip(shipped["tie_placements"].tolist(), np.split(shipped["tie_segments"], ends[:-1]), strict=True)
+    segments = dict(pairs)
     built = script.ties(footprint, other, script.clearance_codes(footprint, other))
     assert [first + index for index in built] == [i for i in segments if first <= i < first + OFFSET_COUNT**2]
     assert all(np.array_equal(segments[first + index], pairs) for index, pairs in built.items())

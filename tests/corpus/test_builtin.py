@@ -11,13 +11,13 @@ from lilgym_mp.corpus import check_corpus, load_tasks
 from lilgym_mp.corpus.splits import program_form
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.grouping import grouped
 from tests.scenes import items_apart
 from tests.scripts import ROOT
 
 SOURCE = ROOT / "data" / "builtin_source.toml"
 SHIPPED = ROOT / "data" / "builtin.jsonl.gz"
 SIZES = {"train": 1000, "dev": 150, "test": 300}
-ALL_SPLITS = [(appearance, split) for appearance in APPEARANCES for split in SIZES]
 MOST_BYTES = 3_000_000
 
 
@@ -27,10 +27,7 @@ def scratch(appearance):
 
 def starts(appearance, split):
     """FlipIt tasks by statement."""
-    by_statement = {}
-    for task in load_tasks("builtin", appearance, "flipit", split):
-        by_statement.setdefault(task.statement, []).append(task)
-    return by_statement
+    return grouped((task.statement, task) for task in load_tasks("builtin", appearance, "flipit", split))
 
 
 @pytest.mark.long
@@ -69,7 +66,7 @@ def test_builtin__loads_like_a_validated_copy(appearance, start, tmp_path):
     assert [task.tags for task in copy] == [task.tags for task in shipped]
 
 
-@pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
+@pytest.mark.parametrize("split", SIZES)
 def test_builtin__has_the_statements_and_programs_of_its_source(appearance, split):
     source = tomllib.loads(SOURCE.read_text())[appearance][split]
     tasks = load_tasks("builtin", appearance, "scratch", split)
@@ -78,7 +75,7 @@ def test_builtin__has_the_statements_and_programs_of_its_source(appearance, spli
     assert hand_written == [(entry["statement"], entry["program"]) for entry in source]
 
 
-@pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
+@pytest.mark.parametrize("split", SIZES)
 def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_values(appearance, split):
     found = starts(appearance, split)
     assert len(found) == SIZES[split]
@@ -90,7 +87,6 @@ def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_va
 
 
 @pytest.mark.parametrize("split", ["dev", "test"])
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance, split):
     train = {statement_form(task.statement) for task in load_tasks("builtin", appearance, "scratch", "train")}
     tasks = load_tasks("builtin", appearance, "scratch", split)
@@ -99,7 +95,6 @@ def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance, split):
     assert 0.2 < sum(seen) / len(seen) < 0.8
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_builtin__statements_are_distinct(appearance):
     statements = [normalised(task.statement) for split in scratch(appearance) for task in split]
     assert len(set(statements)) == len(statements)

@@ -15,7 +15,6 @@ from tests.command_line import succeeds
 from tests.scripts import ROOT, load_script
 
 DOCS = ROOT / "docs"
-OFFICIAL = DOCS / "official_data.md"
 
 
 @pytest.mark.long
@@ -23,7 +22,8 @@ OFFICIAL = DOCS / "official_data.md"
 def test_official_page__matches_the_command_output(capsys):
     succeeds("data stats lilgym")
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(), re.DOTALL)
+    page = (DOCS / "official_data.md").read_text()
+    (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", page, re.DOTALL)
     shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
     assert len(shown) > 10
     assert [line for line in shown if line not in printed] == []
@@ -111,16 +111,11 @@ def test_charts_of_results__are_drawn_from_the_csv_files():
     assert curves[1].lines[0].get_ydata()[-1] > 50
 
 
-def flat(name):
-    """A document's text without line breaks."""
-    return " ".join((DOCS / name).read_text().split())
-
-
 def test_datasheet__counts_are_those_of_the_file():
     lines = gzip.decompress((ROOT / "data" / "builtin.jsonl.gz").read_bytes()).decode().splitlines()
     entries = [json.loads(line) for line in lines[1:]]
     hand_written = sum("hand-written" in entry["tags"] for entry in entries)
-    text = flat("datasheet.md")
+    text = " ".join((DOCS / "datasheet.md").read_text().split())
     assert f"{len(entries):,} English statements" in text
     assert f"| {hand_written} | for this project" in text
     assert f"| {len(entries) - hand_written:,} | by a grammar" in text

@@ -53,41 +53,38 @@ def test_path__of_no_corpus_is_an_error(name, message, tmp_path):
     assert "none of the released files" in str(check_corpus(tmp_path / "empty"))
 
 
-ENTRY_FAULTS = [  # of the first entry
-    ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter"),
-    ({"split": "eval"}, "unknown split 'eval'; choose from dev, test, train"),
-    ({"statement": " "}, "statement must be a non-blank text"),
-    ({"statement": "a \x1b[31m"}, r"statement has unprintable characters: 'a .x1b\[31m'"),
-    ({"program": 3}, "program must be a non-blank text, not 3"),
-    ({"starts": {}}, "starts must be a list"),
-    ({"lf": "x"}, "an entry has keys .*it must have"),
-    ({"tags": "easy"}, "tags must be a list of distinct, non-blank texts"),
-    ({"tags": ["easy", "easy"]}, "tags must be a list of distinct, non-blank texts"),
-    ({"id": "pair"}, "id 'pair' is already used: .*line 2"),
-    ({"program": "open('x')"}, "entry 'blue'.*program"),
-    ({"program": "count(all_items)"}, "entry 'blue'.* has no value on"),
-    ({"program": "is_blue(unique(all_items))"}, "entry 'blue'.* has no value on the empty scene"),
-]
-START_FAULTS = [  # of its first start
-    ({"id": "pair-no"}, "id 'pair-no' is already used"),
-    ({"label": "true"}, "label must be true or false, not 'true'"),
-    ({"label": False}, "start 'blue-yes': label is false but the program is true"),
-    ({"scene": None}, "start 'blue-yes': scene: a scene must be a list"),
-    ({"scene": [[], []]}, "start 'blue-yes': scene: a scene has 3 boxes, not 2"),
-]
-ITEM_FAULTS = [  # of that one's first item
-    ({"color": "Red"}, "box 0, item 0: unknown color 'Red'"),
-    ({"y_loc": 10}, "start 'blue-yes': scene: box 0"),
-]
+FAULTS = {
+    "entry": [  # of the first entry
+        ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter"),
+        ({"split": "eval"}, "unknown split 'eval'; choose from dev, test, train"),
+        ({"statement": " "}, "statement must be a non-blank text"),
+        ({"statement": "a \x1b[31m"}, r"statement has unprintable characters: 'a .x1b\[31m'"),
+        ({"program": 3}, "program must be a non-blank text, not 3"),
+        ({"starts": {}}, "starts must be a list"),
+        ({"lf": "x"}, "an entry has keys .*it must have"),
+        ({"tags": "easy"}, "tags must be a list of distinct, non-blank texts"),
+        ({"tags": ["easy", "easy"]}, "tags must be a list of distinct, non-blank texts"),
+        ({"id": "pair"}, "id 'pair' is already used: .*line 2"),
+        ({"program": "open('x')"}, "entry 'blue'.*program"),
+        ({"program": "count(all_items)"}, "entry 'blue'.* has no value on"),
+        ({"program": "is_blue(unique(all_items))"}, "entry 'blue'.* has no value on the empty scene"),
+    ],
+    "start": [  # of its first start
+        ({"id": "pair-no"}, "id 'pair-no' is already used"),
+        ({"label": "true"}, "label must be true or false, not 'true'"),
+        ({"label": False}, "start 'blue-yes': label is false but the program is true"),
+        ({"scene": None}, "start 'blue-yes': scene: a scene must be a list"),
+        ({"scene": [[], []]}, "start 'blue-yes': scene: a scene has 3 boxes, not 2"),
+    ],
+    "item": [  # of that one's first item
+        ({"color": "Red"}, "box 0, item 0: unknown color 'Red'"),
+        ({"y_loc": 10}, "start 'blue-yes': scene: box 0"),
+    ],
+}
 
 
 @pytest.mark.parametrize(
-    ("place", "change", "message"),
-    [
-        *(("entry", *fault) for fault in ENTRY_FAULTS),
-        *(("start", *fault) for fault in START_FAULTS),
-        *(("item", *fault) for fault in ITEM_FAULTS),
-    ],
+    ("place", "change", "message"), [(place, *fault) for place, faults in FAULTS.items() for fault in faults]
 )
 def test_entry__errors_name_the_entry_and_the_fault(place, change, message, entries, written):
     entry = entries[0]
@@ -108,7 +105,7 @@ def test_scatter_entry__overlapping_items_are_faults(entries, written):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("[]", "the file must be a JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
+    {"[]": "the file must be a JSON object", '{"a": {': "not JSON", '{"a": 1, "a": 2}': "duplicate key 'a'"}.items(),
 )
 def test_released_file__errors_name_the_file(text, message, released):
     (released / "tower_scratch_test.json").write_text(text)

@@ -36,10 +36,11 @@ def test_load_all_tasks__a_corpus_without_tasks_is_an_error(written, tmp_path):
         list(load_all_tasks(tmp_path))
 
 
-def test_task_row__counts_tasks_and_contexts(sets):
+def test_statistics__count_tasks_contexts_and_distinct_statements(sets):
     rows = list(map(task_row, sets))
     assert ["TowerFlipIt", "train", 3, 3, 1] in rows
     assert ["TowerScratch", "dev", 3, 3, 0] in rows
+    assert "6 statements with" in statistics_text("own", sets)
 
 
 def test_statement_row__counts_statements_forms_and_words_and_seen_in_train_ignores_case(sets):
@@ -47,10 +48,6 @@ def test_statement_row__counts_statements_forms_and_words_and_seen_in_train_igno
     assert statement_row(programs, "tower", "train")[:4] == ["tower train", 2, 2, 7]
     assert statement_row(programs, "tower", "dev") == ["tower dev", 3, 2, 8, 10 / 3, 4, 1, 2, 4]
     assert statement_row(programs, "scatter", "dev")[-3:] == [None] * 3
-
-
-def test_statistics__count_distinct_statements(sets):
-    assert "6 statements with" in statistics_text("own", sets)
 
 
 def test_statistics__include_the_papers_counts_for_released_files(released):

@@ -8,6 +8,8 @@ from lilgym_mp.corpus.records import check_text
 from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN
 
+VOCABULARY = Vocabulary(("blue", "two"))
+
 
 def test_words__keep_only_apostrophes_inside_words():
     found = words("There isn't  a Blue-ish block, 2 'at' most!")
@@ -29,25 +31,23 @@ def test_vocabulary__words_are_sorted_lower_case_and_distinct():
 
 
 def test_encode__pads_or_truncates_at_the_end_and_marks_unknown_words():
-    vocabulary = Vocabulary(("blue", "two"))
-    encoded = vocabulary.encode("Two green blue", 5)
+    encoded = VOCABULARY.encode("Two green blue", 5)
     assert encoded.tolist() == [3, UNKNOWN, 2, PAD, PAD]
     assert encoded.dtype == np.int64
-    assert vocabulary.encode("Two green blue", 2).tolist() == [3, UNKNOWN]
+    assert VOCABULARY.encode("Two green blue", 2).tolist() == [3, UNKNOWN]
 
 
 def test_invalid_values__are_errors_that_name_them():
     with pytest.raises(VocabularyError, match="length must be at least 1, not 0"):
-        Vocabulary(("a",)).encode("a", 0)
+        VOCABULARY.encode("a", 0)
     with pytest.raises(VocabularyError, match="invalid token id 9; choose from 0 to 3"):
-        Vocabulary(("blue", "two")).decode([9])
+        VOCABULARY.decode([9])
     with pytest.raises(VocabularyError, match="duplicate words: a"):
         Vocabulary(("a", "b", "a"))
 
 
 def test_decode__inverts_encode():
-    vocabulary = Vocabulary(("blue", "two"))
-    assert vocabulary.decode(vocabulary.encode("two green blue", 6)) == ["two", "?", "blue"]
+    assert VOCABULARY.decode(VOCABULARY.encode("two green blue", 6)) == ["two", "?", "blue"]
 
 
 @pytest.mark.parametrize("words_known", [("blue", "two"), ("blue", "x", "xxxx"), ()])

@@ -12,7 +12,8 @@ from lilgym_mp.cli import parse_args
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.wrappers import TokenizedStatement, action_mask_v0, tokenized_statement_v0
+from lilgym_mp.testing import assert_same
+from lilgym_mp.wrappers import FlatObservation, StopForcing, TokenizedStatement, action_mask_v0, tokenized_statement_v0
 from tests.command_line import python
 from tests.corpora import write_own_corpus
 
@@ -125,13 +126,27 @@ def test_options__a_tilde_is_the_home_directory(command, monkeypatch):
 WORDS = Vocabulary(("a", "box", "block"))
 
 
-def test_spec__from_json_makes_the_same_environment():
-    arrays = gym.make("lilgym_mp/TowerScratch-v0", observation="arrays", vocabulary=WORDS, length=60)
-    wrapped = TokenizedStatement(gym.make("lilgym_mp/TowerScratch-v0"), vocabulary=WORDS, length=60)
-    for env in (arrays, wrapped):
-        again = gym.make(EnvSpec.from_json(env.spec.to_json()))
-        assert again.observation_space == env.observation_space
-        assert again.get_wrapper_attr("vocabulary") == WORDS
+RELEASED = {"split": "dev", "rules": "release", "grid": (38, 10), "image_size": "native", "horizon": 7}
+
+
+@pytest.mark.parametrize(
+    ("settings", "wrap"),
+    [
+        ({"observation": "arrays", "vocabulary": WORDS, "length": 60}, lambda env: env),
+        ({}, lambda env: TokenizedStatement(env, vocabulary=WORDS, length=60)),
+        ({}, lambda env: FlatObservation(TokenizedStatement(StopForcing(env), vocabulary=WORDS, length=60))),
+        ({**RELEASED, "render_mode": "rgb_array"}, lambda env: env),
+    ],
+)
+@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
+def test_spec__from_json_makes_the_same_environment(configuration, settings, wrap):
+    env = wrap(gym.make(f"lilgym_mp/{configuration}-v0", **settings))
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert str(again) == str(env)
+    assert again.observation_space == env.observation_space
+    for name in ("dynamics", "tasks", "render_mode"):
+        assert getattr(again.unwrapped, name) == getattr(env.unwrapped, name)
+    assert_same(again.reset(seed=1), env.reset(seed=1))
 
 
 @pytest.mark.parametrize(

@@ -82,14 +82,6 @@ def test_scatter_core__falls_back_after_a_release_snap(there, action):
         assert_same(envs.action_masks()[8], single.unwrapped.action_masks())
 
 
-@pytest.fixture
-def fresh_choice():
-    """Clears the cached choice of cores before and after the test."""
-    cores._compiled.cache_clear()
-    yield
-    cores._compiled.cache_clear()
-
-
 @pytest.mark.parametrize(("id", "compiled"), [(TOWER, TowerCore), (SCATTER, ScatterCore)])
 def test_make_core__is_compiled_from_eight_environments_on(id, compiled):
     few, many = (gym.make_vec(id, num_envs=count) for count in (FEWEST_COMPILED - 1, FEWEST_COMPILED))
@@ -97,11 +89,15 @@ def test_make_core__is_compiled_from_eight_environments_on(id, compiled):
 
 
 @pytest.fixture
-def without_numba(fresh_choice, monkeypatch):
+def without_numba(monkeypatch):
+    """Numba cannot be imported; the choice of cores is made afresh before and after the test."""
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.envs.cores.")]:
         if name.rpartition(".")[2] not in ("base", "scalar"):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "numba", None)
+    cores._compiled.cache_clear()
+    yield
+    cores._compiled.cache_clear()
 
 
 @pytest.mark.usefixtures("without_numba")

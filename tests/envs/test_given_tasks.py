@@ -1,6 +1,7 @@
 """Tasks from callers: `Task`s in reset options, samplers, and snapshots of batches."""
 
 import pickle
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 
@@ -21,7 +22,6 @@ from lilgym_mp.wrappers import (
     structured_observation_v0,
     tokenized_statement_v0,
 )
-from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 KINDS = {
@@ -49,15 +49,8 @@ def sample_new(generator, env_id):
 
 @pytest.fixture(params=KINDS)
 def make(request):
-    made = []
-
-    def make(id, **settings):
-        made.append(KINDS[request.param](id, **settings))
-        return made[-1]
-
-    yield make
-    for env in made:
-        env.close()
+    with ExitStack() as made:
+        yield lambda id, **settings: made.enter_context(closing(KINDS[request.param](id, **settings)))
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
@@ -77,10 +70,15 @@ def test_reset__plays_a_task_of_the_caller_like_a_single_environment(make, appea
         assert rewards[-1] == single.step(0)[1]
 
 
-def test_reset__a_task_of_the_corpus_keeps_its_index(make):
+def test_reset__accepts_one_task_of_the_corpus_for_all_environments_or_one_each(make):
     envs = make(TOWER)
-    envs.reset(options={"task": envs.tasks[3]})
-    assert set(envs.task_indices) == {3}
+    for task in (envs.tasks[3], envs.tasks.ids[3]):
+        envs.reset(options={"task": task})
+        assert set(envs.task_indices) == {3}
+    indices = [*range(envs.num_envs)][::-1]
+    envs.reset(options={"task": [envs.tasks.ids[index] for index in indices]})
+    assert envs.task_indices.tolist() == indices
+    assert [state.task for state in envs.states()] == [envs.tasks[index] for index in indices]
 
 
 @pytest.mark.parametrize(
@@ -132,8 +130,8 @@ def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation():
 
 
 def play(envs, seed, steps):
-    generator = np.random.default_rng(seed)
-    return [envs.step(random_actions(envs.action_masks(), generator)) for _ in range(steps)]
+    envs.action_space.seed(seed)
+    return [envs.step(envs.action_space.sample(tuple(envs.action_masks().astype(np.int8)))) for _ in range(steps)]
 
 
 @pytest.mark.parametrize(

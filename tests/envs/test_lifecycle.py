@@ -30,6 +30,14 @@ EPISODE = ("reset", "step", "render", "action_masks", "goal_reached", "steps", "
 BATCH = ("scene_array", "task_indices", "evaluation_finished", "save_state", "restore_state", "last_states")
 
 
+def check_raises(env, names, error, message):
+    """Whatever of these parts an environment has raises the error."""
+    for name in names:
+        if hasattr(type(env.unwrapped), name):
+            with pytest.raises(error, match=message):
+                getattr(env.unwrapped, name)(*ARGUMENTS.get(name, ()))
+
+
 @pytest.mark.parametrize("kind", MAKERS)
 @pytest.mark.parametrize("is_reset", [False, True])
 def test_after_close__everything_raises(kind, is_reset):
@@ -38,25 +46,35 @@ def test_after_close__everything_raises(kind, is_reset):
         env.reset(seed=0)
     env.close()
     env.close()
-    base = env.unwrapped
-    for name in (*EPISODE, *BATCH, "change_tasks"):
-        if hasattr(type(base), name):
-            with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
-                getattr(base, name)(*ARGUMENTS.get(name, ()))
+    check_raises(env, (*EPISODE, *BATCH, "change_tasks"), gym.error.ClosedEnvironmentError, "make a new one")
 
 
-def test_windows__of_two_environments_are_closed_apart(monkeypatch):
+@pytest.mark.parametrize("kind", MAKERS)
+def test_before_reset__what_an_episode_has_raises_reset_needed(kind):
+    env = MAKERS[kind]()
+    names = ("step", "action_masks", "goal_reached", "state", "scene", "task", "states")
+    check_raises(env, names, gym.error.ResetNeeded, "call reset first")
+    env.close()
+
+
+DUPLICATES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+
+
+@pytest.mark.parametrize("other", [lambda env: gym.make(TOWER, render_mode="human"), *DUPLICATES])
+def test_windows__of_two_environments_or_of_copies_are_closed_apart(other, monkeypatch):
     pygame = pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    first, second = (gym.make(TOWER, render_mode="human") for _ in range(2))
-    for env in (first, second):
-        env.reset(seed=0)
-    second.close()
-    first.step(1)
+    monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 1000)
+    first = gym.make(TOWER, render_mode="human")
+    first.reset(seed=0)
+    second = other(first)
+    second.reset(seed=0)
+    first.close()
+    second.step(1)
     assert pygame.display.get_surface() is not None
     with pytest.raises(gym.error.ClosedEnvironmentError):
-        second.render()
-    first.close()
+        first.render()
+    second.close()
     assert pygame.display.get_surface() is None
 
 
@@ -64,7 +82,7 @@ def tasks_of(env, count=12):
     return [env.reset()[1]["task"] for _ in range(count)]
 
 
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("duplicate", DUPLICATES)
 def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(duplicate):
     env = ActionMask(gym.make(TOWER))
     for prepare in (lambda: None, lambda: env.np_random, env.reset):
@@ -88,29 +106,17 @@ def test_async__plays_texts_without_shared_memory_and_arrays_with_it(settings):
     each.close()
 
 
-WRAPPERS = [
-    vector_wrappers.NormalizeReward,
-    vector_wrappers.RecordEpisodeStatistics,
-    vector_wrappers.DictInfoToList,
-    lambda envs: vector_wrappers.TransformReward(envs, lambda reward: 2 * reward),
-    lambda envs: vector_wrappers.TransformObservation(potential_shaping_v0(envs), lambda observation: observation),
-]
-
-
-@pytest.mark.parametrize("wrap", WRAPPERS)
-def test_masks__pass_through_gymnasiums_vector_wrappers(wrap):
+def test_masks__pass_through_vector_wrappers_of_the_package_and_of_gymnasium():
     envs = gym.make_vec(TOWER, num_envs=3)
-    wrapped = wrap(envs)
+    own = potential_shaping_v0(envs)
+    wrapped = vector_wrappers.TransformReward(own, lambda reward: 2 * reward)
+    wrapped = vector_wrappers.TransformObservation(wrapped, lambda observation: observation)
+    wrapped = vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(wrapped))
+    wrapped = vector_wrappers.DictInfoToList(wrapped)
     wrapped.reset(seed=0)
-    assert np.array_equal(lilgym_mp.action_masks(wrapped), envs.action_masks())
-
-
-def test_masks__are_attributes_of_the_packages_own_wrappers():
-    envs = gym.make_vec(TOWER, num_envs=3)
-    wrapped = potential_shaping_v0(envs)
-    wrapped.reset(seed=0)
-    assert np.array_equal(wrapped.action_masks(), envs.action_masks())
-    assert np.array_equal(wrapped.goal_reached(), envs.goal_reached())
+    for masks in (lilgym_mp.action_masks(wrapped), own.action_masks()):
+        assert np.array_equal(masks, envs.action_masks())
+    assert np.array_equal(own.goal_reached(), envs.goal_reached())
     assert not hasattr(gym.vector.VectorWrapper, "action_masks")  # Gymnasium's own classes are left alone
 
 
@@ -118,19 +124,6 @@ def test_masks__other_environments_have_none():
     envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
     with pytest.raises(TypeError, match="one of this package's environments"):
         lilgym_mp.action_masks(envs)
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        gym.make,
-        lambda id, **settings: gym.make_vec(id, num_envs=2, **settings),
-        lambda id, **settings: WorkerVectorEnv(id, 2, **settings),
-    ],
-)
-def test_ids_of_the_release__name_the_new_one(make):
-    with pytest.raises(gym.error.NameNotFound, match="'lilgym_mp/ScatterFlipIt-v0'"):
-        make("ScatterFlipIt-v0", data="data")
 
 
 def test_actions__in_array_form_name_what_takes_them():

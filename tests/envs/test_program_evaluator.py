@@ -1,7 +1,7 @@
 """Whether STOP succeeds is found in compiled code without making scenes; the programs themselves say the same."""
 
-from collections import defaultdict
 from itertools import product
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -19,6 +19,8 @@ from lilgym_mp.scene.appearances.tower.geometry import tower_tables
 from tests.envs.alike import started_core
 from tests.scenes import SMALL, B, circle, scene, scene_of
 
+APPEARANCES = pytest.mark.parametrize("appearance", ["tower", "scatter"])
+SPLITS = pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
 MIXED = scene_of(
     "circle 0,0 small; square 20,0 blue; triangle 70,70 large black"
     "| square 45,90 small blue; square 0,46 black | circle 89,89 small black"
@@ -38,14 +40,14 @@ def copied(of):
 
 
 @pytest.mark.usefixtures("official_data")
-@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@SPLITS
+@APPEARANCES
 def test_goals__equal_the_values_of_every_official_program(appearance, split):
     check_goals("lilgym", appearance, split)
 
 
-@pytest.mark.parametrize("split", ["dev", pytest.param("train", marks=pytest.mark.long)])
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@SPLITS
+@APPEARANCES
 def test_goals__equal_the_values_of_every_program_of_the_builtin_corpus(appearance, split):
     check_goals("builtin", appearance, split)
 
@@ -95,12 +97,11 @@ OPERATIONS = {
 
 
 @pytest.mark.parametrize("source", OPERATIONS)
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@APPEARANCES
 def test_goals__equal_the_values_of_programs_with_each_operation(appearance, source):
     boxes = StackBoxLowering(tower_tables().boxes) if appearance == "tower" else ItemBoxLowering()
     written = instructions(compile_program(source).tree, boxes.lower_box_function)
-    assert written is not None
-    expected = OPERATIONS[source] if appearance == "scatter" else set[Operation]()  # a tower's boxes are tables
+    expected = OPERATIONS[source] if appearance == "scatter" else set()  # a tower's boxes are tables
     assert expected <= {instruction.operation for instruction in written}
     starts = [STACKED, scene(), scene_of("tower b | tower bkkk"), *([MIXED] if appearance == "scatter" else [])]
     tasks = [Task("own", "It is so.", source, target, start) for start in starts for target in (True, False)]
@@ -150,13 +151,11 @@ def test_word__its_value_depends_only_on_what_it_declares(name):
         constants = () if side is None else (side,) * (len(word.parameters) - 1)
         test = ITEM_TESTS[vectorised_test(word, constants)]
         assert test.depends_on == word.depends_on
-        by_attributes, by_position = defaultdict(set), defaultdict(set)
-        for x, y, *kind in product((0, 3, 66, 70), (0, 6, 50, 70), Shape, Colour, Size):
-            passes = test.passes(Item(x, y, *kind))
-            by_attributes[tuple(kind)].add(passes)
-            by_position[x, y, kind[-1]].add(passes)
-        same = by_position if word.depends_on == "position" else by_attributes
-        assert {len(values) for values in same.values()} == {1}
+        attributes = ("x", "y", "size") if word.depends_on == "position" else ("shape", "colour", "size")
+        parts = attrgetter(*attributes)
+        items = [Item(*each) for each in product((0, 3, 66, 70), (0, 6, 50, 70), Shape, Colour, Size)]
+        values = {(parts(item), test.passes(item)) for item in items}
+        assert len(values) == len(set(map(parts, items)))
 
 
 def test_position_tests__call_the_program_if_they_exceed_a_bitmask():

@@ -1,14 +1,11 @@
 """An appearance that the package does not have, made of the protocol alone: what plays it, and what refuses it."""
 
-import json
 from functools import partial
 
 import pytest
 
 from lilgym_mp import testing
-from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
-from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.generator.pairs import TEMPLATES
 from lilgym_mp.corpus.generator.tower import TowerStatements
 from lilgym_mp.envs import registration
@@ -17,7 +14,11 @@ from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.scene import appearances
 from lilgym_mp.solver import Solver
-from tests.envs.lamps import NAME, Lamps
+from tests.command_line import succeeds
+from tests.corpora import entry
+from tests.envs.lamps import LAMP, NAME, Lamps
+from tests.json_files import read_json_lines
+from tests.scenes import scene
 
 
 @pytest.fixture(autouse=True)
@@ -31,16 +32,11 @@ def known(monkeypatch):
 @pytest.fixture
 def corpus(tmp_path):
     """A corpus of the new appearance."""
-    lamp = {"x_loc": 40, "y_loc": 40, "type": "circle", "color": "Yellow", "size": 20}
     entries = [
-        {
-            "id": f"{count}",
-            "appearance": NAME,
-            "split": split,
-            "statement": f"Exactly {word} of the lamps shine.",
-            "program": f"count(all_items) == {count}",
-            "starts": [{"id": f"{count}-no", "label": False, "scene": [[], [], [lamp] if count == 3 else []]}],
-        }
+        entry(
+            *(f"{count}", NAME, split, f"Exactly {word} of the lamps shine.", f"count(all_items) == {count}"),
+            no=scene([], [], [LAMP] if count == 3 else []).to_json(),
+        )
         for count, word, split in ((2, "two", "train"), (3, "three", "train"), (1, "one", "dev"))
     ]
     write_corpus(tmp_path / "lamps.jsonl", "lamps", "MIT", entries)
@@ -62,11 +58,9 @@ def test_third_appearance__works_in_the_two_agent_game(corpus):
 
 
 def test_third_appearance__is_refused_by_expert_and_generator():
-    with pytest.raises(ValueError, match=r"'lamps' has no expert; those that have one: scatter, tower"):
+    with pytest.raises(ValueError, match="'lamps' has no expert; those that have one: scatter, tower"):
         Solver(make_dynamics(Lamps()))
-    with pytest.raises(ValueError, match="no generator of statements; those that have one: scatter, tower"):
-        next(training_pairs(NAME, 0))
-    with pytest.raises(ValueError, match=r"'lamps' has no generator of statements"):
+    with pytest.raises(ValueError, match="'lamps' has no generator of statements; those that have one: scatter, tower"):
         load_tasks("generated:1", NAME, "scratch", "train")
 
 
@@ -74,9 +68,8 @@ def test_data_generate__offers_an_appearance_that_has_statements(tmp_path, monke
     monkeypatch.setitem(appearances.APPEARANCES, "blocks", "lilgym_mp.scene.appearances.tower.rules:make_tower")
     monkeypatch.setitem(TEMPLATES, "blocks", TowerStatements)
     out = tmp_path / "blocks.jsonl"
-    words = ["data", "generate", "2", "--level", "1", "--split", "train", "--appearances", "blocks", "--out", str(out)]
-    assert main(words) == 0
-    assert [json.loads(line)["appearance"] for line in out.read_text().splitlines()[1:]] == ["blocks", "blocks"]
+    succeeds("data generate 2 --level 1 --split train --appearances blocks --out", out)
+    assert [line.get("appearance") for line in read_json_lines(out)] == [None, "blocks", "blocks"]
 
 
 def test_third_appearance__is_unknown_unless_registered(monkeypatch):

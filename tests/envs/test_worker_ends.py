@@ -16,8 +16,8 @@ import pytest
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from lilgym_mp.testing import assert_same
 from tests.command_line import python
-from tests.envs.alike import in_fork
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
+from tests.stress.program_language import run_limited
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
@@ -77,9 +77,11 @@ def descriptors():
 
 
 @pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
-def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(start_method):
+def test_an_environment_that_is_closed_or_dropped__leaves_no_process_and_no_descriptor(start_method):
     make(start_method=start_method).close()  # what Python keeps open for processes is open from here on
     before = descriptors()
+    make(start_method=start_method).close()
+    assert descriptors() == before
     env = make(start_method=start_method)
     pids = env.worker_pids
     del env
@@ -106,7 +108,6 @@ def test_threads__may_each_start_workers_at_the_same_time():
 
 def test_a_fork_of_the_caller__does_not_keep_workers_alive():
     with subprocess.Popen([sys.executable, "-c", FORKS], stdout=subprocess.PIPE, text=True) as caller:
-        assert caller.stdout is not None
         child, *pids = map(int, caller.stdout.readline().split())
         try:
             caller.kill()
@@ -120,9 +121,9 @@ def test_a_fork_of_the_caller__cannot_harm_the_environment():
     ours, theirs = make(), make()
     stops = np.zeros(6, np.int64)
     for use in (partial(ours.step, stops), ours.reset, ours.states, ours.action_masks):
-        assert in_fork(use).startswith("ClosedEnvironmentError('this environment belongs to process"), use
+        assert run_limited(use).startswith("ClosedEnvironmentError: this environment belongs to process"), use
     for use in (ours.close, ours._finalizer):
-        assert in_fork(use) == "None"
+        assert run_limited(use) is None
     assert all(map(is_running, ours.worker_pids))
     assert_same(ours.step(stops), theirs.step(stops))
     ours.close()

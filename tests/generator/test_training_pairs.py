@@ -10,13 +10,12 @@ import pytest
 
 from lilgym_mp.corpus.generator import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.noise import with_noise
-from lilgym_mp.corpus.generator.writer import phrase_book
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.grouping import grouped
 from tests.scenes import B, scene, tower
 
-APPEARANCES = ("tower", "scatter")
 DIGESTS = {
     "tower": "366ce960182f0117ba3bc8519948a4ce309fe49025bfeb5337c5966425c0be1f",
     "scatter": "5d99669d6cc4912792b4b9907594dd96b6c7d55d247cfa1c7ec167f5058c55cf",
@@ -54,12 +53,6 @@ def test_training_pairs__about_towers_need_towers():
     assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_conditions__have_probabilities(appearance):
-    assert sum(phrase_book(appearance).conditions.values()) < 1 + 1e-9
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
     pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 250):
@@ -68,7 +61,6 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
             assert program.evaluate(shown) in (True, False), pair
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance):
     pool = scenes(appearance, 60)
     sample = pairs(appearance, 150)
@@ -76,13 +68,10 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
     assert varied > 0.55 * len(sample)
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance):
     pool = scenes(appearance, 60)
-    programs = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 1_500):
-        programs.setdefault(statement, set()).add(program)
-    for statement, found in programs.items():
+    for statement, programs in grouped(pairs(appearance, 1_500, seed=8)).items():
+        found = set(programs)
         if len(found) == 1:
             continue
         truths = {tuple(compile_program(program)(scene) for scene in pool) for program in found}
@@ -107,7 +96,6 @@ def test_with_noise__adds_no_second_full_stop():
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_statements__are_of_the_level_and_typed_without_noise(appearance, level):
     for statement, program in islice(statements(appearance, level, random.Random(2)), 60):
         assert level_of(program) == level
@@ -127,7 +115,6 @@ def test_level_of__grows_with_size_and_needs_words():
     assert {program: level_of(program) for program in levels} == levels
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance):
     found = [
         pair.statement for level in (2, 3) for pair in islice(statements(appearance, level, random.Random(5)), 400)

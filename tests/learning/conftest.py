@@ -1,6 +1,8 @@
-"""Shared fixtures: one thread for torch, and small corpora; and what tests ask of runs and agents."""
+"""One thread for torch, small corpora and recipes, and what tests ask of runs and agents."""
 
+import signal
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import torch
@@ -24,10 +26,7 @@ SMALL_GAME = GameRecipe(
 
 @pytest.fixture(autouse=True)
 def _single_thread():
-    threads = torch.get_num_threads()
     torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")
@@ -72,6 +71,21 @@ def weights(run):
 
 
 def equal(one, other):
-    """Whether the agents of two runs have the same weights."""
-    first, second = weights(one), weights(other)
+    """Whether the agents of two runs, or two tables of weights, are the same."""
+    first, second = (weights(each) if isinstance(each, Path) else each for each in (one, other))
     return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+class Trap:
+    """Creates a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def interrupt_at_64_steps(progress):
+    if progress.steps == 64:
+        signal.raise_signal(signal.SIGINT)

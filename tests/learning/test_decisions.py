@@ -20,7 +20,7 @@ def played(policy, settings=TOWER):
     return evaluate(policy, settings, "dev", task_ids=task_ids, record_decisions=True)
 
 
-def steps(episodes, settings=TOWER):
+def steps(episodes):
     """Each decision, the type of the action taken, and the recorded probability of STOP."""
     found = []
     for episode in episodes:
@@ -37,7 +37,7 @@ def test_ppo__records_probabilities_and_the_value(tmp_path, mask):
     settings = Settings("TowerScratch")
     train_ppo(settings, replace(SMALL, mask=mask), tmp_path, steps=32, device="cpu")
     episodes = played(open_agent(tmp_path, "cpu").policy(settings), settings)
-    found = steps(episodes, settings)
+    found = steps(episodes)
     for decision, _, stop in found:
         assert decision.types[0] == pytest.approx(stop, abs=1e-3)
         assert decision.value is not None
@@ -77,10 +77,10 @@ def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("option", "error"),
-    [
-        ("--record-decisions", "--record-decisions needs --record DIR"),
-        ("--judge-decisions", "--judge-decisions needs --record-decisions"),
-    ],
+    {
+        "--record-decisions": "--record-decisions needs --record DIR",
+        "--judge-decisions": "--judge-decisions needs --record-decisions",
+    }.items(),
 )
 def test_evaluate_command__decisions_need_a_directory(option, error, capsys):
     assert lilgym(f"evaluate --policy expert {option}") != 0

@@ -1,9 +1,9 @@
 """Model files: round trips and invalid files."""
 
 import copy
-import dataclasses
 import pickle
 import resource
+from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from lilgym_mp.learning.common.model_file import (
     select_device,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
+from tests.learning.conftest import Trap, equal
 
 DESCRIPTION = ModelDescription(
     "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}
@@ -41,14 +42,10 @@ def model(tmp_path):
     return path
 
 
-def test_load__inverts_save(model):
+def test_save__is_inverted_by_load_and_deterministic_and_leaves_no_other_file(model):
     description, tensors = load_model(model)
     assert description == DESCRIPTION
-    assert tensors.keys() == TENSORS.keys()
-    assert all(torch.equal(tensors[name], TENSORS[name]) for name in TENSORS)
-
-
-def test_save__is_deterministic_and_leaves_no_other_file(model):
+    assert equal(tensors, TENSORS)
     first = model.read_bytes()
     save_model(model, DESCRIPTION, dict(reversed(TENSORS.items())))
     assert model.read_bytes() == first
@@ -63,12 +60,8 @@ def test_load__rejects_truncated_files(model, kept):
 
 
 def test_load__never_unpickles(tmp_path):
-    class Trap:
-        def __reduce__(self):
-            return (Path.touch, (tmp_path / "opened",))
-
     path = tmp_path / "trap.pt"
-    path.write_bytes(pickle.dumps(Trap()))
+    path.write_bytes(pickle.dumps(Trap(tmp_path / "opened")))
     with pytest.raises(ModelFileError, match="truncated, damaged, or not a model file"):
         load_model(path)
     assert not (tmp_path / "opened").exists()
@@ -126,7 +119,7 @@ def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(
     details = copy.deepcopy(description.details)
     sizes = details["model"]["sizes"] if "model" in details else details.get("network") or details["sizes"]
     sizes |= {key: value for key, value in change.items() if key in ("width", "vocabulary") or key in sizes}
-    save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
+    save_model(tmp_path / AGENT_FILE, replace(description, details=details), tensors)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ModelFileError, match=said):
         open_agent(tmp_path)
@@ -141,13 +134,9 @@ def test_open_agent__rejects_other_sizes_than_the_tensors_before_memory_is_used(
     ],
 )
 def test_open_agent__rejects_other_kinds_and_versions(model, changes, said):
-    save_model(model, dataclasses.replace(DESCRIPTION, **changes), TENSORS)
+    save_model(model, replace(DESCRIPTION, **changes), TENSORS)
     with pytest.raises(ModelFileError, match=said):
         open_agent(model.parent)
-
-
-def test_open_agent__takes_text_as_a_path():
-    assert open_agent("parse-and-plan").description.kind == "parse-and-plan"
 
 
 def test_open_agent__rejects_directories_without_agent(tmp_path):

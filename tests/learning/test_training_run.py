@@ -1,12 +1,12 @@
 """Training runs: stop signals, a full disk, and checkpoints that are not ours."""
 
+import fcntl
 import os
 import pickle
 import random
 import resource
 import signal
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 import torch
@@ -17,6 +17,7 @@ from lilgym_mp.evaluation.files import LOCK_FILE, OutputError, locked
 from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
 from tests.command_line import lilgym
+from tests.learning.conftest import Trap
 
 
 @pytest.fixture
@@ -49,23 +50,15 @@ def test_training__on_a_full_disk_prints_one_line(tmp_path, full_disk, capsys):
     assert capsys.readouterr().err.splitlines()[-1] == f"lilgym-mp train: {out / CHECKPOINT_FILE}: File too large"
 
 
-class _Trap:
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
-
-
 @pytest.mark.parametrize("protocol", [0, pickle.HIGHEST_PROTOCOL])
 @pytest.mark.parametrize("by_torch", [False, True])
 def test_checkpoint__pickled_objects_are_never_built(by_torch, protocol, tmp_path):
     run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
     path = run.path / CHECKPOINT_FILE
     if by_torch:
-        torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
+        torch.save({"trap": Trap(opened)}, path, pickle_protocol=max(2, protocol))
     else:
-        path.write_bytes(pickle.dumps(_Trap(opened), protocol))
+        path.write_bytes(pickle.dumps(Trap(opened), protocol))
     with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
         pass
     assert not opened.exists()
@@ -96,6 +89,21 @@ def test_run__is_trained_by_one_process_at_a_time(tmp_path):
     assert not (tmp_path / LOCK_FILE).exists()
 
 
+def test_run__is_locked_anew_if_the_last_owner_ends_meanwhile(tmp_path, monkeypatch):
+    path = tmp_path / LOCK_FILE
+
+    def lock_too_late(*how):
+        path.unlink()
+        monkeypatch.undo()
+        fcntl.flock(*how)
+
+    monkeypatch.setattr(fcntl, "flock", lock_too_late)
+    with locked(tmp_path):
+        assert path.read_text() == str(os.getpid())
+        with pytest.raises(OutputError, match="in use by process"), locked(tmp_path):
+            pass
+
+
 def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
     child = os.fork()
     if child == 0:
@@ -108,19 +116,14 @@ def test_run__the_lock_of_a_killed_process_is_free(tmp_path):
 
 
 @pytest.mark.parametrize("first", [[signal.SIGINT], [signal.SIGTERM] * 3])
-def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first):
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts_until_the_old_handlers_are_back(first):
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     with stop_on_signals() as stop:
         for one in first:
             signal.raise_signal(one)
         assert stop.requested
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-
-
-def test_stop__restores_the_previous_handlers():
-    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
-    with stop_on_signals():
-        assert signal.getsignal(signal.SIGTERM) is not before[1]
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 

@@ -39,3 +39,13 @@ def served(reply):
 def chat(text):
     usage = {"prompt_tokens": 7, "completion_tokens": 3}
     return {"choices": [{"message": {"role": "assistant", "content": text}}], "usage": usage}
+
+
+def stops(body, number):
+    """A reply: STOP."""
+    return 200, chat("STOP")
+
+
+def failing(numbers, reply=stops):
+    """A reply that is an error to requests of these numbers."""
+    return lambda body, number: (400, {"error": "busy"}) if number in numbers else reply(body, number)

@@ -2,11 +2,11 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from lilgym_mp.cli import main
 from lilgym_mp.contrib.llm.agents import Answer
 from lilgym_mp.contrib.llm.asking import Asking
 from lilgym_mp.contrib.llm.game_player import LanguagePartner
@@ -16,47 +16,38 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.evaluation.game_partners import scripted_proposers, scripted_verifiers
 from lilgym_mp.wrappers.replies import THOUGHTS
-from tests.json_files import read_json
-from tests.llm.server import chat, served
+from tests.command_line import error_of, output_of
+from tests.json_files import read_json, read_json_lines
+from tests.llm.server import chat, failing, served
 
 GUIDED = GameSettings("TowerScratch", protocol="critique", views="guide")
 
 
-class Replies:
-    """Gives the answers of a function of the last message."""
-
-    def __init__(self, answer):
-        self._answer = answer
-
-    def answer(self, messages):
-        return self._answer(messages[-1]["content"])
-
-
-def last_message(text):
-    return re.findall(r"Message of the verifier: (.*)", text)[-1]
-
-
 def seat(role, answer, **options):
-    return LanguagePartner(Asking(Replies(answer)), role, **options)
+    """A partner that gives the answers of a function of the last message."""
+    model = SimpleNamespace(answer=lambda messages: answer(messages[-1]["content"]))
+    return LanguagePartner(Asking(model), role, **options)
+
+
+READ = {
+    Role.VERIFIER: {
+        "accept": Said(1),
+        "<think>reject</think>\n**Accept.**": Said(1),
+        "I would reject or accept.": None,
+        "accept\nreject": None,
+        "reject\nMessage: ADD(LEFT, BLUE)": Said(0, 3),
+        "reject\nMessage: STOP": Said(0, 13),
+        "reject\nMessage: DANCE": None,
+        "reject\nMessage: ADD(LEFT, BLUE)\nMessage: STOP": None,
+        "reject\nNote: build it a little higher": Said(0, 0, "build it a"),
+        "reject\nNote: up\nNote: and down": Said(0, 0, "up and down"),
+    },
+    Role.PROPOSER: {"ADD(LEFT, BLUE)": Said(3), "Note: hi\nSTOP": Said(0, 0, "hi"), "accept": None},
+}
 
 
 @pytest.mark.parametrize(
-    ("role", "reply", "said"),
-    [
-        (Role.VERIFIER, "accept", Said(1)),
-        (Role.VERIFIER, "<think>reject</think>\n**Accept.**", Said(1)),
-        (Role.VERIFIER, "I would reject or accept.", None),
-        (Role.VERIFIER, "accept\nreject", None),
-        (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)", Said(0, 3)),
-        (Role.VERIFIER, "reject\nMessage: STOP", Said(0, 13)),
-        (Role.VERIFIER, "reject\nMessage: DANCE", None),
-        (Role.VERIFIER, "reject\nMessage: ADD(LEFT, BLUE)\nMessage: STOP", None),
-        (Role.VERIFIER, "reject\nNote: build it a little higher", Said(0, 0, "build it a")),
-        (Role.VERIFIER, "reject\nNote: up\nNote: and down", Said(0, 0, "up and down")),
-        (Role.PROPOSER, "ADD(LEFT, BLUE)", Said(3)),
-        (Role.PROPOSER, "Note: hi\nSTOP", Said(0, 0, "hi")),
-        (Role.PROPOSER, "accept", None),
-    ],
+    ("role", "reply", "said"), [(role, *read) for role, replies in READ.items() for read in replies.items()]
 )
 def test_reply__is_read_as_a_choice_a_message_and_a_note(role, reply, said):
     game = Game(GUIDED)
@@ -70,7 +61,7 @@ def test_builder__does_what_it_is_told_in_words_and_sees_no_statement():
 
     def answer(text):
         texts.append(text)
-        told = last_message(text)
+        told = re.findall(r"Message of the verifier: (.*)", text)[-1]
         legal = re.findall(r"\d+ (.*\))", text)
         return next(iter(legal), first) if told == "none" else told
 
@@ -127,10 +118,10 @@ def test_claims__are_judged_exactly(protocol, answer):
     assert not all(judged.holds for judged in finals)
 
 
-def command(out, url, *more):
+def command(out, url, more):
     url = url.replace("//", "//user:SECRET@")
-    words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --episodes 3 --out {out}"
-    return [*words.split(), "--protocol", "veto", *more]
+    options = f"--option url={url} model=m --episodes 3 --out {out}"
+    return f"llm play TowerFlipIt --agent openai {options} --protocol veto {more}"
 
 
 def by_role(body, number):
@@ -140,60 +131,50 @@ def by_role(body, number):
 @pytest.mark.long
 def test_command__cross_plays_the_model_with_scripted_partners_and_itself(tmp_path, capsys):
     with served(by_role) as (url, _):
-        assert main(command(tmp_path, url, "--partner", "oracle", "expert", "ppo-tower")) == 0
-    shown = capsys.readouterr().out
+        shown = output_of(capsys, command(tmp_path, url, "--partner oracle expert ppo-tower"))
     summary = read_json(tmp_path / "summary.json")
     pairs = {f"{each['proposer']} with {each['verifier']}" for each in summary["results"]}
     assert {"openai m with openai m", "openai m with oracle", "expert with openai m"} <= pairs
     assert {"openai m with ppo-tower", "ppo-tower with openai m", "random with oracle", "expert with random"} <= pairs
     assert "lies accepted" in shown
-    first = json.loads((tmp_path / "transcripts.jsonl").read_text().splitlines()[0])
-    assert set(first["messages"]) == {"proposer", "verifier"}
+    assert set(read_json_lines(tmp_path / "transcripts.jsonl")[0]["messages"]) == {"proposer", "verifier"}
     assert all("SECRET" not in path.read_text() for path in tmp_path.iterdir())
 
 
 @pytest.mark.long
 def test_command__continues_without_paying_twice(tmp_path, capsys):
     down = [3]
-    with served(lambda body, number: (400, {"error": "busy"}) if number in down else by_role(body, number)) as (
-        url,
-        asked,
-    ):
-        arguments = command(tmp_path, url, "--role", "verifier", "--partner", "expert", "--concurrency", "1")
-        assert main(arguments) == 0
-        assert "1 games, not in the rates" in capsys.readouterr().out
+    with served(failing(down, by_role)) as (url, asked):
+        arguments = command(tmp_path, url, "--role verifier --partner expert --concurrency 1")
+        assert "1 games, not in the rates" in output_of(capsys, arguments)
         down.clear()
         before = len(asked)
         whole = read_json(tmp_path / "summary.json")
-        assert main(arguments) == 0
-        assert f"{before - 1} answers are there" in capsys.readouterr().out
+        assert f"{before - 1} answers are there" in output_of(capsys, arguments)
         summary = read_json(tmp_path / "summary.json")
         assert summary["results"][0]["games"] == 3 == whole["results"][0]["games"] + 1
         assert len(asked) == summary["answers"] + 1
-        assert main([*arguments, "--seed", "5"]) == 2
-        assert "was played with seed 0, not 5" in capsys.readouterr().err
+        assert "was played with seed 0, not 5" in error_of(capsys, f"{arguments} --seed 5")
         del whole["results"]
         (tmp_path / "summary.json").write_text(
             json.dumps({**whole, "settings": {**whole["settings"], "corpus": "own"}})
         )
-        assert main(arguments) == 2
-        assert "was played with corpus 'own', not None" in capsys.readouterr().err
+        assert "was played with corpus 'own', not None" in error_of(capsys, arguments)
 
 
 @pytest.mark.parametrize(
     ("more", "error"),
-    [
-        ("--role verifier", "--role is for the two-agent game"),
-        ("--partner-option model=x", "--partner-option is for the two-agent game"),
-        ("--protocol veto --role proposer --partner expert", "unknown partner as verifier 'expert'; choose from"),
-        ("--protocol veto --partner nobody", "no partner 'nobody'; choose a run, from expert"),
-        ("--protocol duel", "choose from veto"),
-    ],
+    {
+        "--role verifier": "--role is for the two-agent game",
+        "--partner-option model=x": "--partner-option is for the two-agent game",
+        "--protocol veto --role proposer --partner expert": "unknown partner as verifier 'expert'; choose from",
+        "--protocol veto --partner nobody": "no partner 'nobody'; choose a run, from expert",
+        "--protocol duel": "choose from veto",
+    }.items(),
 )
 def test_command__wrong_options_are_one_line(more, error, tmp_path, capsys):
     with served(by_role) as (url, _):
         words = f"llm play TowerFlipIt --agent openai --option url={url} model=m --out {tmp_path / 'run'} {more}"
-        assert main(words.split()) == 2
-    told = capsys.readouterr().err
+        told = error_of(capsys, words)
     assert error in told
     assert "Traceback" not in told

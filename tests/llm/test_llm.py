@@ -26,7 +26,6 @@ from lilgym_mp.contrib.llm import (
     summarise_transcripts,
     wilson_interval,
 )
-from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import Answer, ModelError
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent, ServerError, read_completion
 from lilgym_mp.envs.rules import State
@@ -36,7 +35,7 @@ from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
 from tests.json_files import read_json, read_json_lines
-from tests.llm.server import chat, served
+from tests.llm.server import chat, failing, served, stops
 
 TOWER = Settings("TowerFlipIt")
 
@@ -64,9 +63,16 @@ def play(arguments, *more):
     return main(["llm", "play", "TowerFlipIt", *arguments.split(), *more])
 
 
-def stops(body, number):
-    """A server's reply: STOP."""
-    return 200, chat("STOP")
+def refused(capsys, arguments, *more):
+    """What such a command prints that is refused."""
+    assert play(arguments, *more) == 2
+    return capsys.readouterr().err
+
+
+def play_first(agent, settings=TOWER, **options):
+    """The episode of the first task."""
+    player = Player(settings, agent, **options)
+    return player.play(player.task_ids()[0])
 
 
 def answer_of(reply, **options):
@@ -89,8 +95,7 @@ def test_expert__succeeds_through_text(configuration):
 
 def test_unparseable_answer__is_retried_and_then_ends_the_episode_without_a_stop():
     agent = Scripted("hm", "ADD(LEFT, BLUE)", "what?", "whatever")
-    player = Player(Settings("TowerScratch"), agent, retries=1)
-    episode = player.play(player.task_ids()[0])
+    episode = play_first(agent, Settings("TowerScratch"), retries=1)
     assert [turn.understood for turn in episode.turns] == [False, True, False, False]
     assert [turn.action for turn in episode.turns] == [None, "ADD(LEFT, BLUE)", None, None]
     assert episode.actions == ["ADD(LEFT, BLUE)"]
@@ -102,8 +107,7 @@ def test_unparseable_answer__is_retried_and_then_ends_the_episode_without_a_stop
 @pytest.mark.parametrize(("system", "roles"), [(True, ["system", "user"]), (False, ["user"])])
 def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(system, roles):
     agent = Scripted(*["ADD(LEFT, BLUE)", "REMOVE(LEFT)"] * 3)
-    player = Player(TOWER, agent, system=system, history=0)
-    player.play(player.task_ids()[0])
+    play_first(agent, system=system, history=0)
     assert [[message["role"] for message in messages] for messages in agent.received] == [roles] * len(agent.received)
     assert all(messages[0]["content"].startswith("You edit a picture") for messages in agent.received)
 
@@ -151,22 +155,24 @@ def test_summary__counts_answers_tokens_and_outcomes():
     assert summary["success_low"] <= summary["success"] <= summary["success_high"]
 
 
-def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch):
+@pytest.mark.parametrize(
+    ("options", "fields"),
+    [
+        ({"max_tokens": 5}, {"temperature": 0, "max_tokens": 5}),
+        (
+            {"temperature": None, "max_completion_tokens": 9, "top_p": 0.5, "extra_body": {"top_k": 3}},
+            {"max_completion_tokens": 9, "top_p": 0.5, "top_k": 3},
+        ),
+    ],
+    ids=["few", "renamed, set and left out"],
+)
+def test_openai__sends_the_conversation_with_its_options_and_reads_the_answer(options, fields, monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "secret")
     messages = [{"role": "user", "content": "Well?"}]
     with served(stops) as (url, requests):
-        agent = OpenAIAgent("tiny", url=url, max_tokens=5)
-        assert agent.answer(messages) == Answer("STOP", 7, 3)
-    sent = {"model": "tiny", "temperature": 0, "max_tokens": 5, "messages": messages}
-    assert requests == [{"path": "/v1/chat/completions", "key": "Bearer secret", **sent}]
-
-
-def test_openai__request_fields_are_set_renamed_or_left_out():
-    fields = {"temperature": None, "max_completion_tokens": 9, "top_p": 0.5, "extra_body": {"top_k": 3}}
-    with served(stops) as (url, requests):
-        OpenAIAgent("tiny", url=url, **fields).answer([])
-    sent = {name: value for name, value in requests[0].items() if name not in ("path", "key", "messages")}
-    assert sent == {"model": "tiny", "max_completion_tokens": 9, "top_p": 0.5, "top_k": 3}
+        assert OpenAIAgent("tiny", url=url, **options).answer(messages) == Answer("STOP", 7, 3)
+    sent = {"path": "/v1/chat/completions", "key": "Bearer secret", "model": "tiny", "messages": messages}
+    assert requests == [{**sent, **fields}]
 
 
 @pytest.mark.parametrize(
@@ -195,8 +201,7 @@ def test_openai__retries_a_server_that_is_busy_and_counts_the_calls(first):
 
 def test_thoughts_and_empty_replies__are_not_sent_again():
     agent = Scripted("<think>\nSTOP?\n</think>\nADD(LEFT, BLUE)", "", "<think> no end")
-    player = Player(Settings("TowerScratch"), agent, retries=2)
-    player.play(player.task_ids()[0])
+    play_first(agent, Settings("TowerScratch"), retries=2)
     sent = [(message["role"], message["content"]) for message in agent.received[-1]]
     assert [role for role, _ in sent] == ["system", "user", "assistant", "user"]
     assert sent[2][1] == "ADD(LEFT, BLUE)"
@@ -230,10 +235,8 @@ class Failing:
         return "ADD(LEFT, BLUE)\ud800"
 
 
-def test_command__failing_in_every_episode_is_one_error(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
-    assert play(f"--agent failing --out {tmp_path}") == 2
-    error = capsys.readouterr().err.splitlines()[-1]
+def test_command__failing_in_every_episode_is_one_error(tmp_path, capsys):
+    error = refused(capsys, f"--agent {__name__}:Failing --episodes 3 --out {tmp_path}").splitlines()[-1]
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
     failed = read_json_lines(tmp_path / "transcripts.jsonl")
     assert [message["role"] for message in failed[0]["messages"]] == ["system", "user", "assistant", "user"]
@@ -257,7 +260,7 @@ def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished
     capsys,
 ):
     down, directory = [2], Path("runs/llm-TowerFlipIt-openai-m")
-    with served(lambda body, number: (400, {"error": "x"}) if number in down else stops(body, number)) as (url, asked):
+    with served(failing(down)) as (url, asked):
         command = f"--agent openai --option url={url} model=m --episodes 3 --concurrency 1 --prices 1 10"
         assert play(command) == 0
         printed = capsys.readouterr().out
@@ -270,12 +273,11 @@ def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished
             file.write('{"cut')
         assert play(command) == 0
         assert f"continues    {directory}, 2 of 3 episodes are there" in capsys.readouterr().out
-        assert play(command) == 2
-        assert f"{directory} has this run, all 3 episodes" in capsys.readouterr().err
+        assert f"{directory} has this run, all 3 episodes" in refused(capsys, command)
         assert len(asked) == 4
-        assert play(f"{command} --scene image --resume --out {directory}") == 2
-        assert "was played with scene 'list', not 'image'" in capsys.readouterr().err
-        tasks = [json.loads(line)["task"] for line in (directory / "transcripts.jsonl").read_text().splitlines()]
+        told = refused(capsys, f"{command} --scene image --resume --out {directory}")
+        assert "was played with scene 'list', not 'image'" in told
+        tasks = [line["task"] for line in read_json_lines(directory / "transcripts.jsonl")]
         assert len(set(tasks)) == len(tasks) == summary_in(directory)["episodes"] == 3
         assert play(command.replace("model=m", "model=m top_p=0.6")) == 0
         assert f"results      {directory}-2\n" in capsys.readouterr().out
@@ -286,8 +288,8 @@ def test_command__given_again_continues_an_unfinished_run_and_refuses_a_finished
 @pytest.mark.parametrize("game", ["", "--protocol veto --role verifier"])
 def test_command__refuses_a_run_that_another_process_is_playing(tmp_path, capsys, game):
     with served(stops) as (url, asked), locked(tmp_path):
-        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {game}") == 2
-    assert f"{tmp_path} is in use by process {os.getpid()}; wait for it, or stop it" in capsys.readouterr().err
+        told = refused(capsys, f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {game}")
+    assert f"{tmp_path} is in use by process {os.getpid()}; wait for it, or stop it" in told
     assert not asked
 
 
@@ -299,8 +301,7 @@ def test_command__refuses_to_continue_after_an_edit_of_the_corpus(capsys):
     sha256 = stored["settings"]["tasks_sha256"]
     stored["settings"]["tasks_sha256"] = "other"
     summary.write_text(json.dumps(stored))
-    assert play(command) == 2
-    assert f"was played with tasks_sha256 'other', not '{sha256}'" in capsys.readouterr().err
+    assert f"was played with tasks_sha256 'other', not '{sha256}'" in refused(capsys, command)
 
 
 def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs(tmp_path, capsys):
@@ -311,8 +312,7 @@ def test_command__stores_every_setting_and_shows_both_values_of_one_that_differs
         stored = summary_in(tmp_path)["settings"]["option"]
         assert stored["extra_body"]["top_k"] == 3
         assert stored["extra_body"]["api_token"].startswith("sha256:")
-        assert play(command, 'extra_body={"top_k": 4, "api_token": "SECRET"}') == 2
-    error = capsys.readouterr().err
+        error = refused(capsys, command, 'extra_body={"top_k": 4, "api_token": "SECRET"}')
     assert "'top_k': 3" in error
     assert "'top_k': 4" in error
     assert "SECRET" not in error
@@ -326,8 +326,7 @@ def test_command__continues_no_directory_without_a_whole_summary(text, more, tol
     if text is not None:
         (tmp_path / "summary.json").write_text(text)
     with served(stops) as (url, _):
-        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {more}") == 2
-    printed = capsys.readouterr().err
+        printed = refused(capsys, f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path} {more}")
     assert f"{tmp_path}: {told}" in printed
     assert "object " not in printed
 
@@ -355,6 +354,10 @@ def ended(text, finish_reason, **message):
         (ended("STOP", "stop", refusal="STOP"), "refused"),
         (ended(None, "stop"), "not_understood"),
         (ended("STOP", "stop"), "wrong_stop"),
+        *(
+            ({"choices": [{"message": {"content": content, "reasoning": [3]}}], "usage": [1]}, "not_understood")
+            for content in (5.5, {"a": 1}, [None], [{"type": "text", "text": 3}])
+        ),
     ],
 )
 def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(body, outcome, tmp_path, capsys):
@@ -366,8 +369,8 @@ def test_command__counts_what_was_not_said_as_an_outcome_of_its_own(body, outcom
     assert f"outcomes     {outcome} 2" in capsys.readouterr().out
     problems = {name: number for name, number in summary["problems"].items() if number}
     assert problems == ({} if outcome == "wrong_stop" else {outcome: 4})
-    for line in (tmp_path / "transcripts.jsonl").read_text().splitlines():
-        assert ("STOP" in json.loads(line)["actions"]) == (outcome == "wrong_stop")
+    for line in read_json_lines(tmp_path / "transcripts.jsonl"):
+        assert ("STOP" in line["actions"]) == (outcome == "wrong_stop")
 
 
 @pytest.mark.parametrize(
@@ -442,14 +445,6 @@ def test_command__shows_the_servers_words_and_no_secret(case, tmp_path, monkeypa
             assert bad not in text
 
 
-@pytest.mark.parametrize("content", [5.5, {"a": 1}, [None], [{"type": "text", "text": 3}]])
-def test_command__reads_no_answer_in_content_of_another_type(content, tmp_path):
-    body = {"choices": [{"message": {"content": content, "reasoning": [3]}}], "usage": [1]}
-    with served(lambda request, number: (200, body)) as (url, _):
-        assert play(f"--agent openai --option url={url} model=m --episodes 1 --out {tmp_path}") == 0
-    assert summary_in(tmp_path)["outcomes"] == {"not_understood": 1}
-
-
 def test_openai__names_an_unknown_host_and_the_cause():
     with pytest.raises(ModelError, match=r"http://nowhere.invalid/v1/: APIConnectionError.*\(ConnectError: .*\w"):
         OpenAIAgent("tiny", url="http://nowhere.invalid/v1", retries=0).answer([])
@@ -498,9 +493,8 @@ def test_command__errors_do_not_show_the_options_of_an_agent(at_once, more, caps
 def test_answer_of_another_type__is_an_agent_error(reply):
     agent = Scripted()
     agent.answer = lambda messages: reply
-    player = Player(TOWER, agent)
     with pytest.raises(ModelError, match="the agent's answer must be a text or an Answer, not "):
-        player.play(player.task_ids()[0])
+        play_first(agent)
 
 
 def test_command__imports_an_agent_from_the_current_directory(tmp_path):
@@ -514,40 +508,38 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        ("--agent nobody", "unknown agent 'nobody'; choose from expert, openai, transformers"),
-        ("--agent openai", "cannot be constructed with the options"),
-        ("--agent openai --option url", "--option takes KEY=VALUE, not 'url'"),
-        ("--agent openai --option model=a model=b", "--option model is given twice"),
-        ("--agent openai --option =SECRET", "--option takes KEY=VALUE, not what stands in place 1"),
-        ("--agent openai --option top_p=NaN", "--option top_p must be finite"),
-        ('--agent openai --option extra_body={"a":1,"a":2}', "--option extra_body: duplicate key 'a'"),
-        ("--agent expert --prices 1 -1", "must be a finite number of at least 0, not -1"),
-        ("--agent json:loads", "cannot be constructed with the options"),
-        ("--agent os:abort.x", "name it module:Class, importable from here"),
-        ("--agent openai --option url=ftp://x model=m", "url must begin with http:// or https://"),
-        ("--agent openai --option url=http://x model=m api_key=x", "api_key cannot be set"),
-        ('--agent openai --option url=http://x model=m extra_body={"model":"b"}', "extra_body cannot set model"),
-        ('--agent openai --option url=http://x model=m extra_body={"stream":true}', "extra_body cannot set stream"),
-        ("--agent openai --option url=http://x model=m extra_query=3", "extra_query must be a JSON object"),
-        (
-            "--agent openai --option url=http://x model=m retries=-1",
-            "retries must be a whole number of at least 0, not -1",
+    {
+        "--agent nobody": "unknown agent 'nobody'; choose from expert, openai, transformers",
+        "--agent openai": "cannot be constructed with the options",
+        "--agent openai --option url": "--option takes KEY=VALUE, not 'url'",
+        "--agent openai --option model=a model=b": "--option model is given twice",
+        "--agent openai --option =SECRET": "--option takes KEY=VALUE, not what stands in place 1",
+        "--agent openai --option top_p=NaN": "--option top_p must be finite",
+        '--agent openai --option extra_body={"a":1,"a":2}': "--option extra_body: duplicate key 'a'",
+        "--agent expert --prices 1 -1": "must be a finite number of at least 0, not -1",
+        "--agent json:loads": "cannot be constructed with the options",
+        "--agent os:abort.x": "name it module:Class, importable from here",
+        "--agent openai --option url=ftp://x model=m": "url must begin with http:// or https://",
+        "--agent openai --option url=http://x model=m api_key=x": "api_key cannot be set",
+        '--agent openai --option url=http://x model=m extra_body={"model":"b"}': "extra_body cannot set model",
+        '--agent openai --option url=http://x model=m extra_body={"stream":true}': "extra_body cannot set stream",
+        "--agent openai --option url=http://x model=m extra_query=3": "extra_query must be a JSON object",
+        "--agent openai --option url=http://x model=m retries=-1": (
+            "retries must be a whole number of at least 0, not -1"
         ),
-        ("--agent openai --option url=http://x model=m retries=2.5", "of at least 0, not 2.5"),
-        ("--agent openai --option url=http://x model=m timeout=1e12", "timeout must be a number of seconds above 0"),
-        ("--agent openai --option url=http://x model=m timeout=true", "timeout must be a number of seconds above 0"),
-        ("--agent openai --option model=m", "set OPENAI_API_KEY to the API key, or give the"),
-        ("--agent expert --resume --out nowhere", "nowhere: no run to resume"),
-        ("--agent collections:OrderedDict", "has no method answer"),
-        ("--agent expert --concurrency 2", "--concurrency 2: the agent expert answers one prompt at a time"),
-        ("--agent expert --episodes 0", "--episodes must be at least 1, not 0"),
-    ],
+        "--agent openai --option url=http://x model=m retries=2.5": "of at least 0, not 2.5",
+        "--agent openai --option url=http://x model=m timeout=1e12": "timeout must be a number of seconds above 0",
+        "--agent openai --option url=http://x model=m timeout=true": "timeout must be a number of seconds above 0",
+        "--agent openai --option model=m": "set OPENAI_API_KEY to the API key, or give the",
+        "--agent expert --resume --out nowhere": "nowhere: no run to resume",
+        "--agent collections:OrderedDict": "has no method answer",
+        "--agent expert --concurrency 2": "--concurrency 2: the agent expert answers one prompt at a time",
+        "--agent expert --episodes 0": "--episodes must be at least 1, not 0",
+    }.items(),
 )
 def test_command__invalid_arguments_are_reported(arguments, message, capsys, monkeypatch):
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    assert play(arguments) == 2
-    assert message in capsys.readouterr().err
+    assert message in refused(capsys, arguments)
 
 
 TEMPLATE = "<bos> {% for message in messages %}{{ message.content }} {% endfor %}"
@@ -556,7 +548,8 @@ TEMPLATE = "<bos> {% for message in messages %}{{ message.content }} {% endfor %
 def tiny_model(directory, chat_template=TEMPLATE):
     """Saves a random model whose tokenizer begins every text with <bos>."""
     transformers = pytest.importorskip("transformers")
-    tokenizers = pytest.importorskip("tokenizers")
+    import tokenizers
+
     words = {word: index for index, word in enumerate(("<eos>", "<bos>", "<think>", "</think>", "STOP", "the", "Hm"))}
     backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
     backend.pre_tokenizer = tokenizers.pre_tokenizers.WhitespaceSplit()
@@ -577,8 +570,7 @@ def test_transformers__generates_from_a_local_directory(tmp_path):
     answer = agent.answer([{"role": "user", "content": "STOP the"}])
     assert answer.prompt_tokens == 3  # <bos> STOP the
     assert 1 <= (answer.completion_tokens or 0) <= 3
-    player = Player(TOWER, agent)
-    assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
+    assert play_first(agent).turns[0].completion_tokens is not None
     with pytest.raises(ModelError, match="reads no pictures"):
         agent.answer([{"role": "user", "content": [{"type": "text", "text": "STOP"}]}])
     with pytest.raises(ModelError, match="no such directory"):
@@ -592,7 +584,7 @@ def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path
     tiny_model(tmp_path)
     agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 5})
     batches = []
-    torch = pytest.importorskip("torch")
+    import torch
 
     def generate(input_ids, attention_mask, **settings):
         batches.append(input_ids.tolist())

@@ -1,13 +1,13 @@
 """The examples that serve a model and make its table."""
 
 import sys
-from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import pytest
 import serve_language_model as server
 import table_language_model as table
 
-from tests.llm.server import chat, served
+from tests.llm.server import chat, failing, served
 
 PLAYED = {
     "success": 0.0,
@@ -18,10 +18,14 @@ PLAYED = {
 }
 
 
-@pytest.mark.long
-def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypatch, capsys):
+@pytest.fixture(autouse=True)
+def _quick_baselines(monkeypatch):
     monkeypatch.setattr(table, "baselines", lambda args: {"expert": {"TowerScratch": 1.0}})
     monkeypatch.setattr(table, "shipped", lambda args: {})
+
+
+@pytest.mark.long
+def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("builtins.input", lambda prompt: "n")
 
     def reply(body, number):
@@ -53,16 +57,11 @@ def test_table__asks_before_it_starts_and_does_not_pay_twice(tmp_path, monkeypat
 
 @pytest.mark.long
 def test_table__of_texts_alone_keeps_what_was_answered_before_a_failure(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, "baselines", lambda args: {})
-    monkeypatch.setattr(table, "shipped", lambda args: {})
     monkeypatch.setattr(table, "COLUMNS", ())
     monkeypatch.setattr(table, "GROUPS", {})
     monkeypatch.setattr(table, "played", lambda args, name, scene, *more: PLAYED)
     down = [3]
-    with served(lambda body, number: (400, {"error": "busy"}) if number in down else (200, chat("STOP"))) as (
-        url,
-        asked,
-    ):
+    with served(failing(down)) as (url, asked):
         words = f"table --url {url} --model m --episodes 1 --scenes list --option max_tokens=9 retries=0 --yes"
         monkeypatch.setattr(sys, "argv", [*words.split(), "--out", str(tmp_path)])
         with pytest.raises(SystemExit, match=r"busy.*; the same command continues the table"):
@@ -74,18 +73,16 @@ def test_table__of_texts_alone_keeps_what_was_answered_before_a_failure(tmp_path
 
 
 def test_server__is_given_the_file_and_the_threads(tmp_path, monkeypatch, capsys):
-    settings = SimpleNamespace(
-        model=SimpleNamespace(), cpuparams=SimpleNamespace(), cpuparams_batch=SimpleNamespace(), hostname="127.0.0.1"
-    )
-    started = SimpleNamespace(listening_address="http://127.0.0.1:9")
-    library = SimpleNamespace(CommonParams=lambda: settings, Server=lambda given: started)
+    library = MagicMock()
+    library.Server.return_value.listening_address = "http://127.0.0.1:9"
     monkeypatch.setitem(sys.modules, "xllamacpp", library)
     monkeypatch.setattr(server.importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(server.threading, "Event", lambda: SimpleNamespace(wait=lambda: None))
+    monkeypatch.setattr(server.threading, "Event", MagicMock())
     monkeypatch.setattr(sys, "argv", ["serve"])
     with pytest.raises(SystemExit, match="name a file with --gguf"):
         server.main()
     monkeypatch.setattr(sys, "argv", f"serve --gguf {tmp_path / 'own.gguf'} --threads 3".split())
     server.main()
     assert capsys.readouterr().out == f"serving {tmp_path / 'own.gguf'} at http://127.0.0.1:9/v1\n"
+    settings = library.CommonParams.return_value
     assert (settings.cpuparams.n_threads, settings.cpuparams_batch.n_threads, settings.n_ctx) == (3, 3, 8192)

@@ -11,10 +11,16 @@ from tests.scenes import scene_of
 from tests.stress.program_truth import batch_differences, scenes, value
 
 
-def assert_agreement(program, scene):
-    fresh = Scene.of(*(box.items for box in scene.boxes))
-    for _ in range(2):  # the second time from memos
-        assert value(program, fresh) == value(program, scene, reference=True), program.source
+def assert_agreement(program, probes):
+    for scene in probes:
+        fresh = Scene.of(*(box.items for box in scene.boxes))
+        for _ in range(2):  # the second time from memos
+            assert value(program, fresh) == value(program, scene, reference=True), program.source
+
+
+def many_scenes(seed, rounds):
+    rng = random.Random(seed)
+    return [scene for _ in range(rounds) for scene in scenes(rng)]
 
 
 SUPPORTED = (
@@ -36,10 +42,9 @@ SUPPORTED = (
 
 @pytest.mark.parametrize("source", SUPPORTED)
 def test_common_constructs__have_generated_code_that_agrees(source):
-    program, rng = compile_program(source), random.Random(source)
+    program = compile_program(source)
     assert program.has_generated_code
-    for scene in (scene for _ in range(4) for scene in scenes(rng)):
-        assert_agreement(program, scene)
+    assert_agreement(program, many_scenes(source, 4))
 
 
 def test_words_as_functions__are_told_apart():
@@ -48,9 +53,8 @@ def test_words_as_functions__are_told_apart():
     bottoms = (f"query_color(unique(filter_obj({name}.all_items_in_box(), is_bottom)))" for name in "xy")
     same = f"equal_color({', '.join(tops)}) and NOT(equal_color({', '.join(bottoms)}))"
     source = f"exist(filter_obj(all_boxes, lambda x: exist(filter_obj(all_boxes, lambda y: {same}))))"
-    rng = random.Random(0)
-    for scene in (scene for _ in range(8) for scene in scenes(rng)):
-        assert_agreement(Program(source), scene)
+    for scene in many_scenes(0, 8):
+        assert_agreement(Program(source), [scene])
 
 
 @pytest.mark.parametrize(
@@ -65,9 +69,7 @@ def test_words_as_functions__are_told_apart():
     ],
 )
 def test_sets_and_repeated_elements_of_a_static_list__are_not_lists_of_distinct_elements(source):
-    program, rng = compile_program(source), random.Random(0)
-    for scene in (scene for _ in range(4) for scene in scenes(rng)):
-        assert_agreement(program, scene)
+    assert_agreement(compile_program(source), many_scenes(0, 4))
 
 
 def test_generated_code__box_memo_is_shared_between_programs_without_collisions():
@@ -141,8 +143,7 @@ def test_every_word__with_arguments_of_any_type_has_the_reference_evaluators_val
                 continue
             evaluated += 1
             generated += program.has_generated_code
-            for scene in probes:
-                assert_agreement(program, scene)
+            assert_agreement(program, probes)
             cases.append((source, probes[2], value(program, probes[2], reference=True)))
     assert evaluated > 8 * count
     assert generated > count / 2
@@ -162,5 +163,5 @@ def test_every_word__with_arguments_of_any_type_has_the_reference_evaluators_val
 )
 def test_sets_of_values_of_several_kinds__have_the_reference_evaluators_value(source):
     program = Program(source)  # from the third evaluation on by generated code, if it has any
-    assert [program(scene) for scene in scenes(random.Random(0))] == [True] * 5
-    assert [program.evaluate_reference(scene) for scene in scenes(random.Random(0))] == [True] * 5
+    for scene in many_scenes(0, 1):
+        assert program(scene) is program.evaluate_reference(scene) is True

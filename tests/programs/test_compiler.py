@@ -6,18 +6,15 @@ import pytest
 
 from lilgym_mp.programs import Program, ProgramRuntimeError, compile_program, compiler
 from lilgym_mp.programs.tracing import explain_program
-from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-
-
-def scene_of(count):
-    """A scene with `count` items in its first box."""
-    return Scene.of([Item(i % 80, i // 80, Shape(i % 3), Colour(i % 3), Size(i % 3)) for i in range(count)], [], [])
+from lilgym_mp.scene import Scene
+from tests.scenes import scene_of
+from tests.stress.program_language import crowded_scene
 
 
 def test_program__errors_count_as_false_once_per_scene():
     program = Program("is_top(unique(all_items))")
-    empty, two = Scene.empty(), scene_of(2)
-    assert [program(empty), program(empty), program(two), program(scene_of(1))] == [False, False, False, True]
+    empty, two = Scene.empty(), crowded_scene(2)
+    assert [program(empty), program(empty), program(two), program(crowded_scene(1))] == [False, False, False, True]
     assert sorted(program.errors.values()) == [1, 1]
     assert all(message.startswith("unique:") for message in program.errors)
     with pytest.raises(ProgramRuntimeError, match="exactly one"):
@@ -28,20 +25,20 @@ def test_program__is_pickled_by_its_source():
     program = compile_program("count(all_items) == 1")
     copy = pickle.loads(pickle.dumps(program))
     assert copy.source == program.source
-    assert copy(scene_of(1)) is True
+    assert copy(crowded_scene(1)) is True
 
 
 def test_program__equal_boxes_hold_distinct_items():
-    box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
-    scene = Scene((box, box, box))
+    scene = Scene(scene_of("square 0,0 small blue").boxes[:1] * 3)
     for source in ("count(all_items) == 3", "count(set(all_items)) == 3", "all_boxes[0] != all_boxes[1]"):
         assert compile_program(source)(scene) is True
 
 
 @pytest.mark.parametrize("count", [23, 24, 25, 64, 65, 130])
 def test_program__boxes_may_hold_any_number_of_items(count):
-    scene = scene_of(count)
-    program = compile_program(f"count(filter_obj(all_items, lambda x: is_yellow(x) or NOT(is_yellow(x)))) == {count}")
+    scene = crowded_scene(3 * count)
+    source = f"All(all_boxes, lambda b: count(filter_obj(b, lambda x: is_yellow(x) or NOT(is_yellow(x)))) == {count})"
+    program = compile_program(source)
     assert program(scene) is True
     assert program.evaluate_reference(scene) is True
 
@@ -61,7 +58,7 @@ def test_program__boxes_may_hold_any_number_of_items(count):
 def test_program__exceeding_a_limit_is_a_runtime_error(source, monkeypatch):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 2_000_000)
     with pytest.raises(ProgramRuntimeError, match=r"steps|elements"):
-        compile_program(source).evaluate(scene_of(60))
+        compile_program(source).evaluate(crowded_scene(60))
 
 
 def test_program__that_could_exceed_the_step_limit_has_no_generated_code():
@@ -70,13 +67,13 @@ def test_program__that_could_exceed_the_step_limit_has_no_generated_code():
         "lambda c: a.color == b.color and b.color == c.color and get_above(c) == get_above(a) and False)))))) == 0"
     )
     assert not program.has_generated_code
-    assert program(scene_of(5)) is True
+    assert program(crowded_scene(5)) is True
 
 
 def test_program__is_evaluated_by_the_generator_registered_last(monkeypatch):
     program = Program("count(all_items) == 1")
     monkeypatch.setattr(compiler, "_GENERATORS", [lambda tree: lambda scene: True])
-    assert [program(scene_of(count)) for count in range(2, 6)] == [False, False, True, True]
+    assert [program(crowded_scene(count)) for count in range(2, 6)] == [False, False, True, True]
     monkeypatch.setattr(compiler, "_GENERATORS", [])
     assert not Program("count(all_items) == 2").has_generated_code
 

@@ -19,7 +19,7 @@ from lilgym_mp.programs.bounded import bounded_truths
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from tests.stress.program_language import ATTACKS, attack, crowded_scene, run_limited
+from tests.stress.program_language import ATTACKS, attack, crowded_scene, nested, repeated, run_limited
 from tests.stress.program_truth import TypedPrograms
 
 FEW_STEPS = 100_000  # keeps the tests short
@@ -56,11 +56,9 @@ def test_bounded_truths__are_those_of_the_program_with_one_limit_for_all_scenes(
 
 
 def test_step_limit__ends_nested_filters_and_leaves_other_programs_alone():
-    nested = "exist(all_items)"
-    for name in "abcdef":
-        nested = f"exist(filter_obj(all_items, lambda {name}: not {nested}))"
+    filters = repeated(6, "exist(filter_obj(all_items, lambda {0}: not {1}))", "exist(all_items)")
     with pytest.raises(StepLimitError, match="more than 10000 steps"):
-        compile_program(nested).evaluate(crowded_scene(12), step_limit=10_000)
+        compile_program(filters).evaluate(crowded_scene(12), step_limit=10_000)
     assert compile_program("exist(all_items)").evaluate(crowded_scene(12), step_limit=10_000)
 
 
@@ -76,57 +74,32 @@ def test_memos__of_scenes_and_boxes_shared_by_many_programs_stay_small(monkeypat
 
 
 def steps_allowed(source):
-    """The code generator's upper bound on the reference evaluator's steps; None for an unsupported program."""
+    """The code generator's upper bound on the reference evaluator's steps. Raises Unsupported."""
     context = code_generation.Context()
-    try:
-        code_generation.Generator(context, kernel=False).lower(parse(source), {})
-    except ir.Unsupported:
-        return None
+    code_generation.Generator(context, kernel=False).lower(parse(source), {})
     return costs.STEP_LIMIT - context.steps_left
-
-
-def steps_of(source):
-    """The steps that the reference evaluator charges."""
-    evaluation = Evaluation(crowded_scene(72))
-    evaluate(build_closure(parse(source)), evaluation)
-    return evaluation.step_limit - evaluation.steps_left
 
 
 def test_code_generation__step_bound_is_an_upper_bound_for_random_programs():
     programs = TypedPrograms(random.Random(11))
     compared = 0
-    for _ in range(10_000):
-        source = programs.program()
-        try:
+    for _ in range(600):
+        source, evaluation = programs.program(), Evaluation(crowded_scene(72))
+        with suppress(ProgramError, ProgramRuntimeError, ir.Unsupported):
             allowed = steps_allowed(source)
-            steps = steps_of(source)
-        except (ProgramError, ProgramRuntimeError):
-            continue
-        if allowed is not None:
+            evaluate(build_closure(parse(source)), evaluation)
+            assert evaluation.step_limit - evaluation.steps_left <= allowed, source
             compared += 1
-            assert steps <= allowed, source
-        if compared == 100:
-            return
-    raise AssertionError(f"only {compared} programs had both")
-
-
-def test_code_generation__gives_up_early_on_exploding_text():
-    source = "exist(all_items)"
-    for _ in range(14):
-        source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
-    context = code_generation.Context()
-    with pytest.raises(ir.Unsupported, match="too long"):
-        code_generation.Generator(context, kernel=False).lower(parse(source), {})
+    assert compared > 100
 
 
 def test_nesting_of_collections_and_calls__is_limited():
-    source = "equal(v25, v25)"
-    for level in range(25, 0, -1):
-        source = f"All([[v{level - 1}]], lambda v{level}: {source})"
-    with pytest.raises(ProgramRuntimeError, match="collections are nested more than 20 deep"):
-        compile_program(f"All([[1]], lambda v0: {source})").evaluate(Scene.empty())
-    with pytest.raises(ProgramRuntimeError, match="functions call each other more than 50 deep"):
-        compile_program("All([lambda f: All([f], f)], lambda g: All([g], g))").evaluate(Scene.empty())
+    for source, message in (
+        (nested(25, "[{0}]", "equal(v25, v25)", "[1]"), "collections are nested more than 20 deep"),
+        (ATTACKS["a function of itself"], "functions call each other more than 50 deep"),
+    ):
+        with pytest.raises(ProgramRuntimeError, match=message):
+            compile_program(source).evaluate(Scene.empty())
 
 
 def test_sets_of_functions__are_iterated_in_a_fixed_order():

@@ -2,13 +2,13 @@
 
 import pickle
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.programs import ProgramError, compile_program
 from lilgym_mp.programs.syntax import MAX_DEPTH, MAX_LENGTH
 from lilgym_mp.programs.words import WORDS
+from tests.stress.program_language import repeated
 
 REFUSED = {
     "": "empty",
@@ -76,12 +76,20 @@ REFUSED = {
 }
 
 
+def refusal(text):
+    """The ProgramError of a text, or None for a valid program; other exceptions propagate."""
+    try:
+        compile_program(text)
+    except ProgramError as fault:
+        return fault
+    return None
+
+
 def test_refused_sources__are_program_errors_that_name_the_rule():
     for source, rule in REFUSED.items():
-        with pytest.raises(ProgramError) as fault:
-            compile_program(source)
-        assert rule in fault.value.reason, source[:80]
-        assert fault.value.source == source
+        fault = refusal(source)
+        assert rule in fault.reason, source[:80]
+        assert fault.source == source
 
 
 ACCEPTED = (
@@ -104,36 +112,23 @@ def test_accepted_sources__compile():
 
 
 def test_program_error__explain_puts_carets_under_the_piece():
-    with pytest.raises(ProgramError) as fault:
-        compile_program("count(all_itms) == 1")
-    _, line, caret, where = fault.value.explain().split("\n")
+    _, line, caret, where = refusal("count(all_itms) == 1").explain().split("\n")
     assert line[caret.index("^") : caret.rindex("^") + 1] == "all_itms"
     assert where == "line 1, column 7"
 
 
 def test_program_error__explain_clips_long_sources_and_escapes_control_characters():
     for source in ("x" * 1_000_000, "count(" + "é\0\udc80" * 1_000, "1\n" * 1_000, "True" + " or True" * 500 + " or x"):
-        with pytest.raises(ProgramError) as fault:
-            compile_program(source)
-        assert all(len(line) < 200 for line in fault.value.explain().split("\n"))
-        assert len(str(fault.value)) < 300
-        fault.value.explain().encode("ascii")
+        fault = refusal(source)
+        assert all(len(line) < 200 for line in fault.explain().split("\n"))
+        assert len(str(fault)) < 300
+        assert fault.explain().isascii()
 
 
 def test_program_error__survives_pickling():
-    with pytest.raises(ProgramError) as fault:
-        compile_program("cuont(all_items)")
-    copy = pickle.loads(pickle.dumps(fault.value))
-    assert (copy.position, copy.reason, str(copy)) == (fault.value.position, fault.value.reason, str(fault.value))
-
-
-def refusal(text):
-    """The ProgramError of a text, or None for a valid program; other exceptions propagate."""
-    try:
-        compile_program(text)
-    except ProgramError as fault:
-        return fault
-    return None
+    fault = refusal("cuont(all_items)")
+    copy = pickle.loads(pickle.dumps(fault))
+    assert (copy.position, copy.reason, str(copy)) == (fault.position, fault.reason, str(fault))
 
 
 PIECES = ("exist", "(", ")", "all_items", ",", "lambda", " ", "x", ":", "1", "==", "not", "[", "]", ".", "Color", "=")
@@ -147,10 +142,7 @@ def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces):
 
 def test_limits__leave_room_for_long_and_deep_programs():
     assert compile_program("True" + " and True" * 500)
-    nested = "exist(all_items)"
-    for _ in range(MAX_DEPTH - 4):
-        nested = f"NOT({nested})"
-    assert compile_program(nested)
+    assert compile_program(repeated(MAX_DEPTH - 4, "NOT({1})", "exist(all_items)"))
     assert len("True" + " and True" * 500) < MAX_LENGTH
 
 

@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -12,36 +11,14 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp.scene import Box, Scene, Shape
 from lilgym_mp.scene.render import draw
-from lilgym_mp.scene.render.canvas import Canvas, box_blits
+from lilgym_mp.scene.render.canvas import Canvas
 from lilgym_mp.scene.render.characters import text
-from tests.scenes import (
-    LARGE,
-    SMALL,
-    UNCHECKED_SCENES,
-    B,
-    K,
-    Y,
-    circle,
-    items,
-    scene,
-    scene_of,
-    square,
-    triangle,
-    unchecked_boxes,
-)
+from tests.scenes import UNCHECKED_SCENES, circle, scene, scene_of, square, unchecked_boxes
 
 YELLOW_RGB, BLACK_RGB, BLUE_RGB = (250, 255, 0), (0, 0, 0), (15, 131, 255)
 BOX_RGB, SEPARATOR_RGB = (211, 211, 211), (128, 128, 128)
 FEWER = settings(max_examples=40)  # as each draws several pictures
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
-
-
-def drawn(item):
-    """The rows of an item's bounding square, with # for its colour."""
-    x, y, side = item.x, item.y, item.side
-    colour = {Y: YELLOW_RGB, K: BLACK_RGB, B: BLUE_RGB}[item.colour]
-    pixels = draw(scene([item]))[y : y + side, x : x + side]
-    return ["".join("#" if tuple(pixel) == colour else "." for pixel in row) for row in pixels]
 
 
 def by_pillow(shown):
@@ -65,15 +42,11 @@ def by_pillow(shown):
     return np.asarray(image)
 
 
-def halved(native):
-    return np.trunc(native.reshape(50, 2, 190, 2, 3).mean((1, 3))).astype(np.uint8)
-
-
 # Pixels
 
 
-def test_draw__a_small_triangle():
-    assert drawn(triangle(30, 50, SMALL)) == [
+SMALL_SHAPES = {
+    "triangle": [
         ".....#....",
         "....##....",
         "....###...",
@@ -84,11 +57,8 @@ def test_draw__a_small_triangle():
         ".########.",
         ".#########",
         "##########",
-    ]
-
-
-def test_draw__a_small_circle():
-    assert drawn(circle(30, 50, SMALL)) == [
+    ],
+    "circle": [
         "...####...",
         "..######..",
         ".########.",
@@ -99,7 +69,15 @@ def test_draw__a_small_circle():
         ".########.",
         "..######..",
         "...####...",
-    ]
+    ],
+}
+
+
+@pytest.mark.parametrize("shape", SMALL_SHAPES)
+def test_draw__a_small_triangle_and_circle(shape):
+    pixels = draw(scene_of(f"{shape} 30,50 small"))[50:60, 30:40]
+    rows = ["".join("#" if tuple(pixel) == YELLOW_RGB else "." for pixel in row) for row in pixels]
+    assert rows == SMALL_SHAPES[shape]
 
 
 @FEWER
@@ -113,7 +91,8 @@ def test_draw__equals_pillow_drawing_onto_the_whole_image(shown):
 def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown):
     half = draw(shown, "half")
     assert (half.shape, half.dtype) == ((50, 190, 3), np.uint8)
-    assert np.array_equal(half, halved(draw(shown)))
+    means = draw(shown).reshape(50, 2, 190, 2, 3).mean((1, 3))
+    assert np.array_equal(half, np.trunc(means))
 
 
 @st.composite
@@ -131,17 +110,6 @@ def test_canvas__equals_draw_after_any_sequence_of_scenes(image_size, shown):
     canvas = Canvas(image_size)
     for one in shown * 3:
         assert np.array_equal(canvas.show(one), draw(one, image_size))
-
-
-SHRINKS = pytest.mark.parametrize("shrink", [1, 2])
-
-
-@SHRINKS
-@FEWER
-@given(box=st.lists(items(), max_size=6).map(lambda found: Box(tuple(found))))
-def test_box_blits__are_none_iff_two_items_share_a_pixel(shrink, box):
-    lone = [np.any(by_pillow(scene([item])) != by_pillow(Scene.empty()), axis=2) for item in box.items]
-    assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
 
 
 def test_canvas__redraws_completely_after_an_interrupt(monkeypatch):
@@ -173,7 +141,7 @@ def test_canvas__copy_has_its_own_buffer(duplicate):
 
 
 def test_text__draws_the_boxes_with_characters():
-    shown = scene([square(0, 0, colour=B)], [circle(40, 70, LARGE, Y)], [triangle(80, 80, colour=K)])
+    shown = scene_of("square 0,0 blue | circle 40,70 large | triangle 80,80 black")
     assert text(shown, ["A line."], coloured=False).splitlines() == [
         "+--------------------+  +--------------------+  +--------------------+",
         "|b#b#                |  |                    |  |                    |",

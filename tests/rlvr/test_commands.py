@@ -21,6 +21,13 @@ def rows_of(prompts, options):
     return read_json_lines(prompts)
 
 
+@pytest.fixture(scope="module")
+def truths(tmp_path_factory):
+    """A file of two prompts, and its rows with the expert's answers."""
+    prompts = tmp_path_factory.mktemp("rows") / "prompts.jsonl"
+    return prompts, rows_of(prompts, "--kind truth --episodes 2 --expert-answers")
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     prompts = tmp_path / "prompts.jsonl"
@@ -38,9 +45,8 @@ def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)
 
 
-def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path):
-    prompts, scores = tmp_path / "prompts.jsonl", tmp_path / "scores.json"
-    first, second = rows_of(prompts, "--kind truth --episodes 2 --expert-answers")
+def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(truths, tmp_path):
+    (prompts, (first, second)), scores = truths, tmp_path / "scores.json"
     right = {"id": first["id"], "reply": first["answer"]}
     samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
     others = [{"id": second["id"], "reply": f"maybe {n}"} for n in range(4)]
@@ -66,28 +72,24 @@ def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path):
     assert "blue" not in text["text"].replace(row["task"]["statement"], "")
 
 
-def test_score__thoughts_are_a_list_that_can_be_set(tmp_path, capsys):
-    prompts = tmp_path / "prompts.jsonl"
-    (row,) = rows_of(prompts, "--kind truth --episodes 1 --expert-answers")
-    wrong = {"true": "false", "false": "true"}[row["answer"]]
-    answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
-    command = f"llm score {prompts} --answers {answers}"
-    assert "not_understood 1" in output_of(capsys, command)
+def test_score__thoughts_are_a_list_that_can_be_set(truths, tmp_path, capsys):
+    prompts, rows = truths
+    replies = ({"id": row["id"], "reply": f"<hm>\ntrue\nfalse\n</hm>\n{row['answer']}"} for row in rows)
+    command = f"llm score {prompts} --answers {written(tmp_path / 'a', *replies)}"
+    assert "not_understood 2" in output_of(capsys, command)
     assert "success   100.0%" in output_of(capsys, f"{command} --thoughts hm")
 
 
-def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(tmp_path, capsys):
-    prompts = tmp_path / "prompts.jsonl"
-    first, second = rows_of(prompts, "--kind truth --episodes 2 --expert-answers")
+def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(truths, tmp_path, capsys):
+    prompts, (first, second) = truths
     nan = {"id": first["id"], "reply": float("nan")}
     cut = {"id": second["id"], "reply": second["answer"], "finish_reason": "length"}
     answers = written(tmp_path / "a", nan, nan, cut)
     assert "outcomes  cut 1, not_understood 1" in output_of(capsys, f"llm score {prompts} --answers {answers}")
 
 
-def test_score__bad_input_is_one_line(tmp_path, capsys):
-    prompts = tmp_path / "prompts.jsonl"
-    row, _ = rows_of(prompts, "--kind truth --episodes 2")
+def test_score__bad_input_is_one_line(truths, tmp_path, capsys):
+    prompts, (row, _) = truths
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})
     samples = [{"id": row["id"], "sample": 0, "reply": reply} for reply in ("true", "true", "false")]
     for lines, message in (

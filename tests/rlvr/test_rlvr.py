@@ -35,14 +35,13 @@ BLUE = "exist(filter_color(all_items, Color.BLUE))"
 TASK = Task("t", "There is a blue block.", BLUE, True, scene(tower(K)))
 PLAN = Row("plan", "tower", TASK)
 TOLD = PLAN.to_json()["task"]
-KINDS_AND_APPEARANCES = [(kind, appearance) for kind in KINDS for appearance in APPEARANCES]
 
 
 def some(kind, appearance="tower", count=4, **settings):
     return list(islice(rows(kind, appearance, **settings), count))
 
 
-@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_right(kind, appearance):
     found = some(kind, appearance)
     assert some(kind, appearance) == found
@@ -62,7 +61,6 @@ def test_expert__finds_the_plan_of_a_row_that_needs_a_long_search():
     assert score(expert_reply(row), row).reward == 1
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 @pytest.mark.parametrize("lengths", [(4, 5), (2, 2)])
 def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance, lengths):
     solver = Solver(make_dynamics(make_appearance(appearance)))
@@ -126,44 +124,46 @@ def test_invalid_settings__are_refused_at_once(settings, message):
         rows(**{"kind": "plan", **settings})
 
 
-PLANS = {
-    "ADD(LEFT, BLUE)\nSTOP": "success",
-    "1. ADD(LEFT, BLUE)\n2. STOP": "success",
-    "ADD(LEFT, BLUE), STOP": "success",
-    "ADD(LEFT, BLUE); add right yellow -> stop": "success",
-    "Black is there already, so I add blue.\n- `add_left_blue`\n- `STOP`": "success",
-    "<think>\nSTOP\n</think>\nADD(LEFT, BLUE)\nSTOP": "success",
-    "STOP\nNo: <answer>\nADD(LEFT, BLUE)\nSTOP\n</answer>": "success",
-    "<answer>ADD(LEFT, BLUE) -> STOP</answer>": "success",
-    "<answer>\nADD(LEFT, BLUE)\nSTOP": "success",  # generation stopped at </answer>
-    "<action>ADD(LEFT, BLUE)</action>\n<action>STOP</action>": "success",
-    "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>ADD(LEFT, BLUE); STOP</answer>": "success",
-    "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>STOP</answer>": "not_understood",
-    r"\boxed{\text{ADD(LEFT, BLUE)} \rightarrow \mathrm{STOP}}": "success",
-    "\\boxed{ADD(LEFT, BLUE)}\n\\boxed{STOP}": "success",
-    "Action: ADD(LEFT, BLUE)\nAction: STOP": "success",
-    "Action 1: ADD(LEFT, BLUE)\nThen STOP.": "success",
-    "Step 1: Look.\n**Step 2:** ADD(LEFT, BLUE)\n**Step 3:** STOP": "success",
-    "ADD(RIGHT, BLACK)\nSTOP\nFinal answer: ADD(LEFT, BLUE), then STOP": "success",
-    "1 ADD(LEFT, BLUE)\n2 STOP</s>": "success",
-    '{"plan": ["ADD(LEFT, BLUE)", "STOP"]}': "success",
-    "Stop when it is true.\nADD(LEFT, BLUE)\nSTOP": "success",
-    "ADD(LEFT, BLUE)\\nSTOP": "success",
-    "a) ADD(LEFT, BLUE)\nb) STOP": "success",
-    "i. ADD(LEFT, BLUE)\nii. STOP": "success",
-    "<answer>ADD(LEFT, BLUE) -&gt; STOP</answer>": "success",
-    "(ADD(LEFT, BLUE))\n(STOP)": "success",
-    "[ADD(LEFT, BLUE)]\n[STOP]": "success",
-    "Round #1) add left blue\nRound #2) stop": "success",
-    "First, ADD(LEFT, BLUE). After that, STOP.": "success",
-    "ADD(LEFT, BLUE), then finally STOP": "success",
-    "Adding a blue block left makes it true.\nADD(LEFT, BLUE)\nSTOP": "success",
-    "Put simply, blue is missing.\nADD(LEFT, BLUE)\nSTOP": "success",
-    "ADD(LEFT, BLUE)<br>STOP": "success",
-    "Action: ADD(LEFT, BLUE)\nAction: wait\nAction: STOP": "not_understood",
-    "ADD(RIGHT, BLACK)\nAction: STOP": "not_understood",
-    **dict.fromkeys(
-        (
+ANSWERS = {  # by kind and outcome
+    "plan": {
+        "success": [
+            "ADD(LEFT, BLUE)\nSTOP",
+            "1. ADD(LEFT, BLUE)\n2. STOP",
+            "ADD(LEFT, BLUE), STOP",
+            "ADD(LEFT, BLUE); add right yellow -> stop",
+            "Black is there already, so I add blue.\n- `add_left_blue`\n- `STOP`",
+            "<think>\nSTOP\n</think>\nADD(LEFT, BLUE)\nSTOP",
+            "STOP\nNo: <answer>\nADD(LEFT, BLUE)\nSTOP\n</answer>",
+            "<answer>ADD(LEFT, BLUE) -> STOP</answer>",
+            "<answer>\nADD(LEFT, BLUE)\nSTOP",  # generation stopped at </answer>
+            "<action>ADD(LEFT, BLUE)</action>\n<action>STOP</action>",
+            "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>ADD(LEFT, BLUE); STOP</answer>",
+            r"\boxed{\text{ADD(LEFT, BLUE)} \rightarrow \mathrm{STOP}}",
+            "\\boxed{ADD(LEFT, BLUE)}\n\\boxed{STOP}",
+            "Action: ADD(LEFT, BLUE)\nAction: STOP",
+            "Action 1: ADD(LEFT, BLUE)\nThen STOP.",
+            "Step 1: Look.\n**Step 2:** ADD(LEFT, BLUE)\n**Step 3:** STOP",
+            "ADD(RIGHT, BLACK)\nSTOP\nFinal answer: ADD(LEFT, BLUE), then STOP",
+            "1 ADD(LEFT, BLUE)\n2 STOP</s>",
+            '{"plan": ["ADD(LEFT, BLUE)", "STOP"]}',
+            "Stop when it is true.\nADD(LEFT, BLUE)\nSTOP",
+            "ADD(LEFT, BLUE)\\nSTOP",
+            "a) ADD(LEFT, BLUE)\nb) STOP",
+            "i. ADD(LEFT, BLUE)\nii. STOP",
+            "<answer>ADD(LEFT, BLUE) -&gt; STOP</answer>",
+            "(ADD(LEFT, BLUE))\n(STOP)",
+            "[ADD(LEFT, BLUE)]\n[STOP]",
+            "Round #1) add left blue\nRound #2) stop",
+            "First, ADD(LEFT, BLUE). After that, STOP.",
+            "ADD(LEFT, BLUE), then finally STOP",
+            "Adding a blue block left makes it true.\nADD(LEFT, BLUE)\nSTOP",
+            "Put simply, blue is missing.\nADD(LEFT, BLUE)\nSTOP",
+            "ADD(LEFT, BLUE)<br>STOP",
+        ],
+        "not_understood": [  # never a shorter plan
+            "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>STOP</answer>",
+            "Action: ADD(LEFT, BLUE)\nAction: wait\nAction: STOP",
+            "ADD(RIGHT, BLACK)\nAction: STOP",
             "ADD(LEFT, GREEN)\nADD(LEFT, BLUE)\nSTOP",
             "Add a green block.\nADD(LEFT, BLUE)\nSTOP",
             "ADD(RIGHT, BLUE) # since there is none\nADD(LEFT, BLUE)\nSTOP",
@@ -178,72 +178,73 @@ PLANS = {
             "5\nADD(LEFT, BLUE)\nSTOP",
             "<answer>ADD(LEFT, GREEN)\nADD(LEFT, BLUE)\nSTOP</answer>",
             "\\boxed{2} blocks\n\\boxed{ADD(LEFT, BLUE); STOP}",
-        ),
-        "not_understood",  # never a shorter plan
-    ),
-    "ADD(LEFT, BLUE)": "no_stop",
-    "STOP": "wrong_stop",
-    "ADD(LEFT, YELLOW)\nSTOP": "wrong_stop",
-    "REMOVE(RIGHT)\nADD(LEFT, BLUE)\nSTOP": "invalid_action",
-    "ADD(LEFT, BLUE)\nREMOVE(LEFT)\n" * 6 + "STOP": "horizon",
-    "STOP\nADD(LEFT, BLUE)": "not_understood",
-    "ADD(LEFT, BLUE)\nSTOP\nSTOP": "not_understood",
-    "<think>\nADD(LEFT, BLUE)\nSTOP": "not_understood",
-    "I would ADD(LEFT, BLUE) and STOP": "not_understood",
-    "3": "not_understood",
-    "": "not_understood",
-}
-
-
-ANSWERS = {
-    "plan": [*PLANS.items()],
-    "truth": [
-        ("false", "success"),
-        ("There is a black one only.\n**False.**", "success"),
-        ("Answer: false\nThat is not true", "success"),
-        ("true", "wrong"),
-        ("true\nfalse", "not_understood"),
-        ("It is false that it is true", "not_understood"),
-        ("(false)", "success"),
-        ("The answer is false.", "success"),
-        (r"$\boxed{\mathrm{False}}$", "success"),
-        ("false</s>", "success"),
-        ('{"answer": false}', "success"),
-        ("<answer>true</answer> <answer>false</answer>", "not_understood"),
-        ("Answer: perhaps\nfalse", "not_understood"),
-        ("!true", "not_understood"),
-        ([{"type": "text", "text": "fal"}, {"type": "text", "text": "se"}], "success"),
-        ([{"role": "user", "content": "true"}, {"role": "assistant", "content": "false"}], "success"),
-        ([{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}], "success"),
-        ({"verdict": "false"}, "not_understood"),
-    ],
-    "program": [
-        (BLUE, "success"),
-        (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
-        ("Program: Any(all_items, is_blue)", "success"),
-        (f"<answer>{BLUE}</answer>", "success"),
-        ("<answer>count(filter_color(all_items, Color.BLUE)) > 0</answer>", "success"),
-        ("<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>", "success"),
-        (r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}", "success"),
-        (f"```\nexist(all_items) and\n{BLUE}\n```", "success"),
-        (f"```\n{BLUE}  # a blue item\n```", "success"),
-        (f"Program: {BLUE}\nThat is all.", "success"),
-        (f"**{BLUE}**</s>", "success"),
-        (f"<answer>{BLUE}</answer> <answer>True</answer>", "not_understood"),
-        ("exist(all_items)", "wrong"),
-        ("True", "wrong"),
-        ("exist(filter_color(all_items, Color.GREEN))", "not_understood"),
-        ("import os", "not_understood"),
-    ],
+            "STOP\nADD(LEFT, BLUE)",
+            "ADD(LEFT, BLUE)\nSTOP\nSTOP",
+            "<think>\nADD(LEFT, BLUE)\nSTOP",
+            "I would ADD(LEFT, BLUE) and STOP",
+            "3",
+            "",
+        ],
+        "no_stop": ["ADD(LEFT, BLUE)"],
+        "wrong_stop": ["STOP", "ADD(LEFT, YELLOW)\nSTOP"],
+        "invalid_action": ["REMOVE(RIGHT)\nADD(LEFT, BLUE)\nSTOP"],
+        "horizon": ["ADD(LEFT, BLUE)\nREMOVE(LEFT)\n" * 6 + "STOP"],
+    },
+    "truth": {
+        "success": [
+            "false",
+            "There is a black one only.\n**False.**",
+            "Answer: false\nThat is not true",
+            "(false)",
+            "The answer is false.",
+            r"$\boxed{\mathrm{False}}$",
+            "false</s>",
+            '{"answer": false}',
+            [{"type": "text", "text": "fal"}, {"type": "text", "text": "se"}],
+            [{"role": "user", "content": "true"}, {"role": "assistant", "content": "false"}],
+            [{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}],
+        ],
+        "wrong": ["true"],
+        "not_understood": [
+            "true\nfalse",
+            "It is false that it is true",
+            "<answer>true</answer> <answer>false</answer>",
+            "Answer: perhaps\nfalse",
+            "!true",
+            {"verdict": "false"},
+        ],
+    },
+    "program": {
+        "success": [
+            BLUE,
+            f"Blue exists:\n```python\n{BLUE}\n```",
+            "Program: Any(all_items, is_blue)",
+            f"<answer>{BLUE}</answer>",
+            "<answer>count(filter_color(all_items, Color.BLUE)) > 0</answer>",
+            "<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>",
+            r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}",
+            f"```\nexist(all_items) and\n{BLUE}\n```",
+            f"```\n{BLUE}  # a blue item\n```",
+            f"Program: {BLUE}\nThat is all.",
+            f"**{BLUE}**</s>",
+        ],
+        "not_understood": [
+            f"<answer>{BLUE}</answer> <answer>True</answer>",
+            "exist(filter_color(all_items, Color.GREEN))",
+            "import os",
+        ],
+        "wrong": ["exist(all_items)", "True"],
+    },
 }
 
 
 @pytest.mark.parametrize("kind", ANSWERS)
 def test_answer__is_read_and_checked(kind):
-    for reply, outcome in ANSWERS[kind]:
-        found = score(reply, replace(PLAN, kind=kind))
-        assert found[:2] == (float(outcome == "success"), outcome), reply
-        assert ("agreement" in found.details) == (kind == "program" and outcome != "not_understood"), reply
+    for outcome, replies in ANSWERS[kind].items():
+        for reply in replies:
+            found = score(reply, replace(PLAN, kind=kind))
+            assert found[:2] == (float(outcome == "success"), outcome), reply
+            assert ("agreement" in found.details) == (kind == "program" and outcome != "not_understood"), reply
 
 
 def test_program__that_is_always_true_cannot_be_checked():
@@ -275,7 +276,7 @@ def test_row__that_cannot_be_scored_is_refused(change, message):
 
 
 def test_conversation__plays_one_action_for_each_reply():
-    for row in some("plan", count=4):
+    for row in some("plan"):
         talk, solver = Conversation(row), Solver(make_dynamics(make_appearance("tower")))
         assert row.task.statement in talk.prompt
         total = 0.0
@@ -326,7 +327,6 @@ def test_turns__have_the_return_that_they_lose_against_the_expert():
     assert turn.regret == pytest.approx(0.9 + 1)
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_regrets__are_zero_for_the_experts_plan(appearance):
     for row in some("plan", appearance, 3, seed=5):
         details = score(expert_reply(row), row).details

@@ -28,7 +28,6 @@ SEPARABLE = (
 @settings(max_examples=20)
 def test_signature__determines_the_programs_value(program, boxes, data):
     queries = queries_of(program)
-    assert queries is not None
     drawn = data.draw(st.lists(boxes, min_size=3, max_size=9))
     left, middle, right = drawn[:3]
     for box in drawn[3:]:
@@ -55,7 +54,6 @@ def test_signature__is_none_if_the_program_is_not_separable(program):
 
 def test_signature__distinguishes_errors_from_values():
     queries = queries_of("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))")
-    assert queries is not None
     boxes = [Box(tuple(blocks)) for blocks in (stack(B), stack(K), stack(B, Y))]
     assert len({tuple(query(box) for query in queries) for box in boxes}) == 3
 

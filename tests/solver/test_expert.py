@@ -6,8 +6,6 @@ import pytest
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import ActionMask
 
-ADD_LEFT_YELLOW = 1  # of tower's actions
-
 
 def play(env, expert):
     total = 0.0

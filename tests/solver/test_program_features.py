@@ -7,30 +7,12 @@ from hypothesis import strategies as st
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene, Size
 from lilgym_mp.solver.abstraction import Abstraction
-from lilgym_mp.solver.canonical_items import canonical_index
 from lilgym_mp.solver.program_features import program_features
-from tests.scenes import B, K, Y, circle, scatter_boxes, square, unchecked_boxes
+from tests.scenes import scatter_boxes, square, unchecked_boxes
 
 
 def of(program):
     return program_features(compile_program(program).tree)
-
-
-BLUE_INSIDE = "exist(filter_obj(all_items, lambda x: is_blue(x) and not is_touching_wall(x)))"
-BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE = circle(40, 40, colour=B), square(5, 5, colour=K), circle(0, 0, colour=Y)
-
-
-@pytest.mark.parametrize(
-    ("program", "values"),
-    [
-        (BLUE_INSIDE, [1, 0, 0]),
-        ("exist(filter_color(all_items, Color.BLUE))", [1, 0, 0]),
-        ("count(get_set_colors(all_items)) == 2", [B, K, Y]),
-    ],
-)
-def test_item_feature__has_a_value_for_every_item(program, values):
-    (feature,) = of(program).item_features
-    assert [feature.values[canonical_index(item)] for item in (BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE)] == values
 
 
 def test_item_features__are_shared_by_programs_with_equal_tests():

@@ -7,7 +7,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.solution import Solution
-from tests.solver.tasks import mdp, outcome, task
+from tests.solver.tasks import mdp, played, task
 
 SOLVED = Solution(Status.SOLVED, (), 0, 7)
 UNSOLVABLE = Solution(Status.UNSOLVABLE, (), 12, 9, "no scene has that value")
@@ -27,4 +27,4 @@ def test_official_tasks__are_solved_and_proven_shortest(appearance, rules, offic
     for given in load_tasks("lilgym", appearance, "flipit", "dev")[::20]:
         solution = solver.solve(given)
         assert solution.proven_optimal, given.id
-        assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS
+        assert played(dynamics, dynamics.start(given), solution.actions).outcome is Outcome.SUCCESS

@@ -12,7 +12,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, RemoveItem, describe
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import scene_of
-from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
+from tests.solver.tasks import mdp, optimal_by_trial, played, task
 
 BLUE_CIRCLE = "exist(filter_obj(all_items, lambda x: is_blue(x) and is_circle(x)))"
 SMALL_AT_THE_FLOOR = "exist(filter_obj(all_items, lambda x: is_small(x) and is_touching_wall(x, Side.BOTTOM)))"
@@ -54,7 +54,7 @@ def test_solution__succeeds_when_played(rules, start, program):
     dynamics = mdp("scatter", rules)
     given = task(program, start, target=not task(program).truth(start))
     solution = Solver(dynamics).solve(given)
-    assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS
+    assert played(dynamics, dynamics.start(given), solution.actions).outcome is Outcome.SUCCESS
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_solution__succeeds_when_played(rules, start, program):
 def test_solution__succeeds_on_other_grids(grid, program):
     dynamics = mdp("scatter", grid=grid)
     solution = Solver(dynamics).solve(task(program))
-    assert outcome(dynamics, dynamics.start(task(program)), solution.actions) is Outcome.SUCCESS
+    assert played(dynamics, dynamics.start(task(program)), solution.actions).outcome is Outcome.SUCCESS
 
 
 def test_solution__removes_an_item():

@@ -8,7 +8,7 @@ from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import tower_boxes
-from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
+from tests.solver.tasks import mdp, optimal_by_trial, played, task
 
 PROGRAMS = (
     "exist(filter_color(all_items, Color.BLUE))",
@@ -34,7 +34,7 @@ def test_solution__is_as_short_as_exhaustive_trial_finds(boxes, program, target)
         assert (solution.status, actions.actions, actions.complete) == (Status.UNSOLVABLE, (), True)
     else:
         assert (solution.steps, solution.proven_optimal) == (edits + 1, True)
-        assert outcome(dynamics, state, solution.actions) is Outcome.SUCCESS
+        assert played(dynamics, state, solution.actions).outcome is Outcome.SUCCESS
         assert (set(actions.actions), actions.complete, actions.steps) == (firsts, True, edits + 1)
 
 

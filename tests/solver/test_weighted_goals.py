@@ -1,15 +1,16 @@
 """Plans for weighted goals have the mass that they state, and as much as the best reachable scene."""
 
+from itertools import accumulate
+
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver import Solver, WeightedGoal
 from tests.scenes import scene_of
-from tests.solver.tasks import mdp, task
+from tests.solver.tasks import layers_by_trial, mdp, played, task
 
 APPEARANCES = ("tower", "scatter")
 BLUE = "exist(filter_obj(all_items, is_blue))"
@@ -37,13 +38,8 @@ def goals(*weighted):
 
 def final_scene(dynamics, start, plan):
     """The scene at STOP; every edit must be valid."""
-    state = dynamics.start(task("True", start))
-    for action in plan.actions[:-1]:
-        transition = dynamics.step(state, action)
-        assert transition.outcome is Outcome.CONTINUES
-        state = transition.state
     assert plan.actions[-1:] == (STOP,)
-    return state.scene
+    return played(dynamics, dynamics.start(task("True", start)), plan.actions).state.scene
 
 
 def mass_of(given, at):
@@ -52,17 +48,8 @@ def mass_of(given, at):
 
 def best_mass_by_trial(dynamics, start, given, max_edits):
     """The highest mass of any scene within 0, 1, ... `max_edits` edits, by trying every action."""
-    layer = {start}
-    best = [mass_of(given, start)]
-    for _ in range(max_edits):
-        following = set()
-        for here in layer:
-            state = State(task("True"), here, 0)
-            for action in dynamics.legal_mask(state).nonzero()[0][1:].tolist():
-                following.add(dynamics.step(state, dynamics.appearance.decode(action)).state.scene)
-        layer = following
-        best.append(max(best[-1], *(mass_of(given, at) for at in layer)))
-    return best
+    layers = layers_by_trial(dynamics, dynamics.start(task("True", start)), max_edits)
+    return [*accumulate((max(mass_of(given, at) for at in layer) for layer in layers), max)]
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)

@@ -2,19 +2,19 @@
 
 import argparse
 import json
-from importlib import import_module
+from pkgutil import resolve_name
 
-# By name: the module here and its function, which takes a count and a seed and returns counts of results and faults.
+# By name: the function, which takes a count and a seed and returns counts of results and faults.
 TESTS = {
-    "corrupt_files": "corrupt_corpora",
-    "hostile_records": "hostile_reports",
-    "hostile_pages": "hostile_pages",
-    "hostile_replies": "examined",
-    "mask_exactness": "compare",
-    "program_language": "measure",
-    "program_truth": "compare",
-    "web_requests": "send",
-    "wrapper_stacks": "compare",
+    "corrupt_files": "corrupt_files:corrupt_corpora",
+    "hostile_records": "hostile_records:hostile_reports",
+    "hostile_pages": "hostile_records:hostile_pages",
+    "hostile_replies": "hostile_replies:examined",
+    "mask_exactness": "mask_exactness:compare",
+    "program_language": "program_language:measure",
+    "program_truth": "program_truth:compare",
+    "web_requests": "web_requests:send",
+    "wrapper_stacks": "wrapper_stacks:compare",
 }
 
 
@@ -24,8 +24,7 @@ def main():
     parser.add_argument("--count", type=int, default=1_000, metavar="N", help="of cases (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
     args = parser.parse_args()
-    module = import_module(f"tests.stress.{'hostile_records' if args.name == 'hostile_pages' else args.name}")
-    results, faults = getattr(module, TESTS[args.name])(args.count, args.seed)
+    results, faults = resolve_name(f"tests.stress.{TESTS[args.name]}")(args.count, args.seed)
     print(*faults[:40], json.dumps(dict(results), indent=1), f"faults: {len(faults)}", sep="\n")
     return int(bool(faults))
 

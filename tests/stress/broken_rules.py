@@ -63,29 +63,29 @@ def function(tree, name):
 
 def mutants(source, name):
     """Describes each possible change of the function's body, and gives the source with it."""
-    count = sum(1 for _ in _places(function(ast.parse(source), name)))
-    for index in range(count):
-        tree = ast.parse(source)
-        node, change = list(_places(function(tree, name)))[index]
-        before = ast.unparse(node)
-        change(node)
-        yield f"line {node.lineno}: {before} -> {ast.unparse(node)}", ast.unparse(ast.fix_missing_locations(tree))
+    tree = ast.parse(source)
+    body = function(tree, name).body
+    changes = [change for statement in body for part in ast.walk(statement) for change in _changes(part)]
+    for node, field, changed in changes:
+        before, kept = ast.unparse(node), getattr(node, field)
+        setattr(node, field, changed)
+        yield f"line {node.lineno}: {before} -> {ast.unparse(node)}", ast.unparse(tree)
+        setattr(node, field, kept)
 
 
-def _places(found):
-    """The nodes to change, and functions that change them."""
-    for node in (node for statement in found.body for node in ast.walk(statement)):
-        match node:
-            case ast.Compare() if type(node.ops[0]) in OPPOSITES:
-                yield node, lambda node: node.ops.__setitem__(0, OPPOSITES[type(node.ops[0])]())
-            case ast.BoolOp() | ast.BinOp() if type(node.op) in OPPOSITES:
-                yield node, lambda node: setattr(node, "op", OPPOSITES[type(node.op)]())
-            case ast.UnaryOp(op=ast.Not() | ast.Invert()):
-                yield node, lambda node: setattr(node, "op", ast.UAdd())
-            case ast.Constant(value=bool(value)):
-                yield node, lambda node, value=value: setattr(node, "value", not value)
-            case ast.Constant(value=int(value)):
-                yield node, lambda node, value=value: setattr(node, "value", value + 1)
+def _changes(node):
+    """The node, a field of it and another value of that, if it is one to change."""
+    match node:
+        case ast.Compare(ops=[operator, *others]) if type(operator) in OPPOSITES:
+            yield node, "ops", [OPPOSITES[type(operator)](), *others]
+        case ast.BoolOp() | ast.BinOp() if type(node.op) in OPPOSITES:
+            yield node, "op", OPPOSITES[type(node.op)]()
+        case ast.UnaryOp(op=ast.Not() | ast.Invert()):
+            yield node, "op", ast.UAdd()
+        case ast.Constant(value=bool(value)):
+            yield node, "value", not value
+        case ast.Constant(value=int(value)):
+            yield node, "value", value + 1
 
 
 def passes(copy, tests):

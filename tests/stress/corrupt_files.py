@@ -5,23 +5,17 @@ import json
 import random
 import tempfile
 from collections import Counter
+from itertools import cycle, islice
 from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from tests.corpora import entry
-from tests.stress.hostile_records import ODD_VALUES
+from tests.stress.hostile_records import spoil
 
 SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "size": 10}], []]
 PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
 ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
-CORRUPTIONS = ("flip", "cut", "repeat", "odd value", "lost key", "deep", "gzip", "not text")
-
-
-def corpus_bytes():
-    with tempfile.TemporaryDirectory() as directory:
-        path = Path(directory) / "good.jsonl"
-        write_corpus(path, "own", "MIT", [ENTRY])
-        return path.read_bytes()
+CORRUPTIONS = ("flip", "cut", "repeat", "spoilt", "deep", "gzip", "not text")
 
 
 def corrupt(good, corruption, rng):
@@ -43,16 +37,9 @@ def corrupt(good, corruption, rng):
         case "not text":
             return bytes(rng.randrange(256) for _ in range(200))
         case _:
-            header, line = good.decode().splitlines()
-            record = json.loads(line)
-            holders = [record, record["starts"][0], record["starts"][0]["scene"][1][0], json.loads(header)]
-            holder = rng.choice(holders)
-            key = rng.choice(list(holder))
-            if corruption == "lost key":
-                del holder[key]
-            else:
-                holder[key] = rng.choice(ODD_VALUES)
-            return "\n".join((json.dumps(holders[3]), json.dumps(record), "")).encode()
+            rows = [json.loads(line) for line in good.splitlines()]
+            spoil(rows, rng)
+            return "".join(json.dumps(row) + "\n" for row in rows).encode()
 
 
 def corrupt_corpora(count, seed):
@@ -60,12 +47,13 @@ def corrupt_corpora(count, seed):
 
     Errors other than CorpusError are raised.
     """
-    rng, good = random.Random(seed), corpus_bytes()
+    rng = random.Random(seed)
     found, faults = Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as directory:
-        for index in range(count):
-            corruption = CORRUPTIONS[index % len(CORRUPTIONS)]
-            path = Path(directory) / f"{index}.jsonl"
+        path = Path(directory) / "own.jsonl"
+        write_corpus(path, "own", "MIT", [ENTRY])
+        good = path.read_bytes()
+        for corruption in islice(cycle(CORRUPTIONS), count):
             path.write_bytes(corrupt(good, corruption, rng))
             try:
                 load_tasks(path, "scatter", rng.choice(("scratch", "flipit")), "train")
@@ -73,5 +61,4 @@ def corrupt_corpora(count, seed):
             except CorpusError as error:
                 faults += [] if str(error).isprintable() else [f"{corruption}: {str(error)!r}"]
                 found[f"{corruption}: reported"] += 1
-            path.unlink()
     return found, faults

@@ -21,9 +21,8 @@ REMOVE_SHARE = 0.3  # of the edits tried, so that boxes do not just fill up
 
 def start_scenes(appearance):
     """The distinct start scenes of the builtin corpus, after the empty scene."""
-    tasks = (task for tasks in load_all_tasks("builtin", [appearance], ["flipit"]) for task in tasks)
-    scenes = {tuple(box.items for box in task.start.boxes): task.start for task in tasks}
-    return [make_appearance(appearance).check_scene(Scene.empty()), *scenes.values()]
+    starts = (task.start for tasks in load_all_tasks("builtin", [appearance], ["flipit"]) for task in tasks)
+    return [make_appearance(appearance).check_scene(Scene.empty()), *dict.fromkeys(starts)]
 
 
 def played_scenes(dynamics, starts, count, rng):

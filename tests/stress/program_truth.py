@@ -18,6 +18,7 @@ from lilgym_mp.programs.syntax import MAX_LENGTH, parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
 from tests.envs.alike import started_core
+from tests.scenes import tower
 
 BATCH = 40  # programs evaluated together in compiled cores
 DEPTHS = (1, 2, 3, 3, 4, 5)
@@ -95,7 +96,6 @@ FUNCTION_WORDS = {
     "box:truth": ("exist", "count", "set"),
 }
 _PART = re.compile(r"(?<!\{)\{([a-z:]+)\}")
-Bound = tuple[tuple[str, str], ...]  # variables in scope: name and type
 
 
 class TypedPrograms:
@@ -118,9 +118,7 @@ class TypedPrograms:
         rng = self._rng
         if rng.random() < WRONG_TYPES:
             kind = rng.choice(list(FORMS))
-        names = [
-            name for index, (name, of) in enumerate(bound) if of == kind and name not in _names(bound[index + 1 :])
-        ]
+        names = [name for name, of in dict(bound).items() if of == kind]
         if names and rng.random() < VARIABLES:
             return rng.choice(names)
         simple = depth <= 0 or (not whole and rng.random() < LEAVES)
@@ -138,10 +136,6 @@ class TypedPrograms:
         return f"lambda {name}: {self._expression(result, depth, (*bound, (name, parameter)))}"
 
 
-def _names(bound):
-    return {name for name, _ in bound}
-
-
 def scenes(rng):
     """An empty scene, one with towers, one of few items, a full one, and an odd one."""
     size = rng.choice(list(Size))
@@ -153,15 +147,11 @@ def scenes(rng):
     ]
     return (
         Scene.empty(),
-        Scene.of(*(_tower(rng, rng.randrange(5)) for _ in range(BOX_COUNT))),
+        Scene.of(*(tower(*rng.choices(list(Colour), k=rng.randrange(5))) for _ in range(BOX_COUNT))),
         Scene.of(*boxes),
         Scene.of(*full),
         Scene.of(*odd, odd[0]),
     )
-
-
-def _tower(rng, height):
-    return [Item(40, 80 - 21 * level, Shape.SQUARE, rng.choice(list(Colour)), Size.MEDIUM) for level in range(height)]
 
 
 def _item(rng, x, y, size=None):

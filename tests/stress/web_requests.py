@@ -7,15 +7,12 @@ another type and by ones that often break servers; some bodies are nonsense. The
 import json
 import logging
 import tempfile
-import warnings
 from collections import Counter
 from itertools import islice
 from pathlib import Path
 from random import Random
 from typing import Any
 from urllib.parse import quote
-
-from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
 HOSTILE_VALUES = (
     *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
@@ -104,18 +101,10 @@ def _text(value):
     return (value if isinstance(value, str) else json.dumps(value)).encode(errors="replace").decode()
 
 
-def _client(app):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from starlette.testclient import TestClient
-
-    return TestClient(app, raise_server_exceptions=False)
-
-
 def _known(clients):
     """Creates episodes; returns existing ids by parameter name."""
     episodes = [
-        client.post("/api/play/episodes", json={"configuration": configuration}).json()["id"]
+        client.post("/api/play/episodes", {"configuration": configuration}).json()["id"]
         for client in clients
         for configuration in ("TowerScratch", "ScatterFlipIt")
     ]
@@ -124,13 +113,14 @@ def _known(clients):
 
 def send(count, seed):
     """Sends `count` requests; returns the responses by status, and the requests with a 5xx response."""
+    from tests.web.web_app import Browser, server
+
     logging.getLogger("lilgym_mp.contrib.web").addHandler(logging.StreamHandler())
     random, statuses, failed = Random(seed), Counter[str](), list[str]()
-    with tempfile.TemporaryDirectory() as name:
-        app = create_app(ServeOptions(database=Path(name) / "web.sqlite3"))
-        clients = [_client(app) for _ in range(3)]
-        for method, path, options in islice(RequestGenerator(app.openapi(), random, _known(clients)), count):
-            client = random.choice(clients)
+    with tempfile.TemporaryDirectory() as name, server(Path(name)) as app:
+        browsers = [Browser(app) for _ in range(3)]
+        for method, path, options in islice(RequestGenerator(app.openapi(), random, _known(browsers)), count):
+            client = random.choice(browsers).client
             try:
                 response = client.request(method, path, follow_redirects=False, **options)
             except (ValueError, UnicodeError, TypeError):

@@ -6,9 +6,7 @@ stacks, on workers. Either all refuse it with the same kind of error, or `lilgym
 
 import random
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
@@ -22,7 +20,6 @@ N = 5
 STEPS = 12
 HORIZON = 4
 WORKER_SHARE = 0.1  # of the stacks that are also put on workers
-Stack = Sequence[tuple[str, dict[str, Any]]]  # names of factories without version, and settings
 
 
 def letters(statement):

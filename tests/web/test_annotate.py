@@ -13,7 +13,7 @@ from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.programs.words import WORDS
 from tests.corpora import small_entries
 from tests.stress.program_language import ATTACKS
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser, assert_refused, server
 
 API = "/api/annotate"
 STATEMENT_ID = "tower-dev-001"
@@ -21,11 +21,15 @@ QUERY = {"appearance": "tower", "split": "dev", "statement_id": STATEMENT_ID}
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 
-def scenes_of(statement_id=STATEMENT_ID):
+def scenes_of():
     """The FlipIt tasks of the statement, in file order."""
-    (scratch,) = [task for task in load_tasks("builtin", "tower", "scratch", "dev") if task.id == statement_id]
+    scratch = load_tasks("builtin", "tower", "scratch", "dev").by_id(STATEMENT_ID)
     flipit = load_tasks("builtin", "tower", "flipit", "dev")
     return [task for task in flipit if (task.statement, task.program) == (scratch.statement, scratch.program)]
+
+
+def right_program():
+    return scenes_of()[0].program
 
 
 def overfitted(shown):
@@ -40,8 +44,8 @@ def overfitted(shown):
     raise AssertionError("no such program")
 
 
-def submit(browser, program, **more):
-    return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=QUERY)
+def submit(browser, program, query=QUERY, **more):
+    return browser.post(f"{API}/annotations", {"program": program, "name": "Ada", **more}, params=query)
 
 
 def test_procedure__from_the_statement_to_json_lines(browser):
@@ -76,27 +80,23 @@ def test_hidden_scenes__check_a_submission_and_never_reach_the_annotator(browser
     assert line["accepted"] is False
 
 
-def test_submission__that_disagrees_with_a_shown_scene_is_refused_and_not_saved(browser):
-    answer = submit(browser, f"NOT({scenes_of()[0].program})")
-    assert answer.status_code == 409
-    assert "does not agree with the shown scenes" in answer.json()["message"]
+@pytest.mark.parametrize(
+    ("program", "said"),
+    {
+        "NOT({})": "does not agree with the shown scenes",
+        "(count(all_items) > 0 or is_blue(unique(all_items))) and {}": "fails on a scene without items",
+    }.items(),
+)
+def test_submission__that_a_shown_or_an_empty_scene_contradicts_is_refused_and_not_saved(browser, program, said):
+    assert_refused(submit(browser, program.format(right_program())), 409, said)
     assert browser.get(f"{API}/annotations").text == ""
-
-
-def test_submission__that_fails_on_the_empty_scene_is_refused(browser):
-    program = f"(count(all_items) > 0 or is_blue(unique(all_items))) and {scenes_of()[0].program}"
-    answer = submit(browser, program)
-    assert answer.status_code == 409
-    assert "fails on a scene without items" in answer.json()["message"]
 
 
 @pytest.mark.parametrize(
     "given", [{"program": "   "}, {"program": "exist("}, {"program": "x" * 9_000}, {"name": "  "}, {"name": "x" * 81}]
 )
 def test_submission__without_a_name_or_a_program_is_refused(browser, given):
-    answer = submit(browser, **{"program": scenes_of()[0].program, **given})
-    assert answer.status_code == 422
-    assert answer.json()["message"]
+    assert_refused(submit(browser, **{"program": right_program(), **given}), 422)
 
 
 def test_run__of_an_invalid_program_is_refused(browser):
@@ -104,7 +104,7 @@ def test_run__of_an_invalid_program_is_refused(browser):
 
 
 @pytest.mark.parametrize(
-    ("program", "fault"), [("is_blue(all_items)", "must be an item"), (ATTACKS["sorting seven boxes"], "")]
+    ("program", "fault"), {"is_blue(all_items)": "must be an item", ATTACKS["sorting seven boxes"]: ""}.items()
 )
 def test_program__that_fails_or_takes_too_many_steps_has_no_value(browser, program, fault, monkeypatch):
     monkeypatch.setattr("lilgym_mp.programs.costs.STEP_LIMIT", 1_000_000)
@@ -134,7 +134,7 @@ def test_check__reports_the_parsers_error(browser, program):
 
 
 def test_annotation__posted_twice_is_one_row(browser):
-    program = scenes_of()[0].program
+    program = right_program()
     answers = [submit(browser, program, name=name) for name in ("Ada", "Ada", "Bea")]
     assert {answer.status_code for answer in answers} == {201}
     assert len(browser.get(f"{API}/annotations").text.splitlines()) == 2
@@ -152,10 +152,8 @@ def test_statement_without_a_program__is_shown_and_annotated_by_the_labels_of_it
         assert [scene["truth"] for scene in shown["scenes"]] == [None, True, False]
         listed = browser.get(f"{API}/statements", params=place).json()
         assert [each["id"] for each in listed] == ["blue", "pair"]
-        for name, program, status in (("blue", "exist(all_items)", 201), ("blue", "not exist(all_items)", 409)):
-            answer = browser.post(
-                f"{API}/annotations", {"program": program, "name": "Ada"}, params={**place, "statement_id": name}
-            )
+        for program, status in (("exist(all_items)", 201), ("not exist(all_items)", 409)):
+            answer = submit(browser, program, {**place, "statement_id": "blue"})
             assert answer.status_code == status
         assert browser.get("/explore", params=place).status_code == 200
         assert browser.get("/play").status_code == 200

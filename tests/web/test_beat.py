@@ -2,6 +2,8 @@
 
 import pytest
 
+from tests.web.web_app import assert_refused
+
 pytest.importorskip("torch")
 
 
@@ -18,6 +20,5 @@ def test_opponent__is_any_agent_that_plays_the_tasks(browser):
     assert ", imitation-tower 1 in 2." in score["summary"]
     assert score["verdict"] == "imitation-tower won."
     refused = browser.get(place, params={**asked, "agent": "agent:imitation-scatter"})
-    assert refused.status_code == 422
-    assert "not TowerScratch; choose another" in refused.text
+    assert_refused(refused, 422, "not TowerScratch; choose another")
     assert browser.get(place, params={**asked, "agent": "run:none"}).status_code == 404

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import cycle
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -20,7 +20,7 @@ from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from tests.browser import axe_script, chromium, watched_page
 from tests.corpora import small_entries, write_thin_corpus
-from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
+from tests.web.test_annotate import STATEMENT_ID, overfitted, right_program
 from tests.web.web_app import server
 
 uvicorn = pytest.importorskip("uvicorn")
@@ -78,14 +78,11 @@ def opened(browser, tmp_path):
 
 
 @pytest.fixture
-def watched(opened):
-    """A page on a server of its own."""
-    return opened()
-
-
-@pytest.fixture
-def page(watched):
-    return watched.page
+def page(opened):
+    """A page on a server of its own, without an error to the end of the test."""
+    watched = opened()
+    yield watched.page
+    _assert_clean(watched)
 
 
 def _assert_clean(watched, *allowed):
@@ -94,8 +91,7 @@ def _assert_clean(watched, *allowed):
     assert [fault for fault in watched.faults if not any(each in fault for each in allowed)] == []
 
 
-def test_play__by_keyboard_alone(watched):
-    page = watched.page
+def test_play__by_keyboard_alone(page):
     page.goto("/play")
     page.select_option("[name=configuration]", "ScatterFlipIt")
     page.wait_for_selector(".board.fine .cells button")
@@ -119,7 +115,6 @@ def test_play__by_keyboard_alone(watched):
     page.wait_for_selector("#tools:not([hidden])")
     page.wait_for_selector(".cells button:focus")
     assert not page.is_visible("#end")
-    _assert_clean(watched)
 
 
 SIZES = [(1280, 900), (360, 740)]
@@ -130,10 +125,23 @@ def _in_viewport(page, selector):
     return box["y"] >= 0 and box["y"] + box["height"] <= page.viewport_size["height"]
 
 
-def _begin(page):
-    page.goto("/play?configuration=ScatterFlipIt&task=scatter-dev-025-a")
-    page.wait_for_selector(".board.fine .cells button")
-    page.wait_for_selector("#episode:not([aria-busy])")
+def _begin(page, address="/play?configuration=ScatterFlipIt&task=scatter-dev-025-a"):
+    page.goto(address)
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+
+
+def _begin_game(page, setting, value):
+    """Begins a game with one setting chosen, and waits for the person's turn."""
+    page.goto("/game")
+    page.select_option(setting, value)
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#turn:text-matches('your turn')")
+
+
+def _left(page, ghost):
+    """The left side of an outlined item in a scene of 380 pixels."""
+    scene = page.locator("#board .scene").bounding_box()
+    return (page.locator(ghost).bounding_box()["x"] - scene["x"]) * 380 / scene["width"]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -176,7 +184,7 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     page = opened(*size).page
     _annotate(page)
     shown = page.locator("#scenes img").count()
-    program = scenes_of()[0].program
+    program = right_program()
     page.fill("#program", f"NOT({program})")
     page.click("#run")
     page.wait_for_selector("#messages .error:has-text('does not have the statement')")
@@ -206,8 +214,7 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     assert page.input_value("#program") == ""
 
 
-def test_annotate__the_text_and_the_name_survive_a_reload(watched):
-    page = watched.page
+def test_annotate__the_text_and_the_name_survive_a_reload(page):
     _annotate(page)
     page.fill("[name=name]", "Ada")
     page.fill("#program", "exist(all_items")
@@ -217,7 +224,6 @@ def test_annotate__the_text_and_the_name_survive_a_reload(watched):
     page.wait_for_selector("#work:not([aria-busy])")
     assert page.input_value("#program") == "exist(all_items"
     assert page.input_value("[name=name]") == "Ada"
-    _assert_clean(watched)
 
 
 def test_watch__the_heat_map_leaves_items_alone(opened, runs):
@@ -243,10 +249,7 @@ def test_watch__the_heat_map_leaves_items_alone(opened, runs):
 
 
 def test_game__key_1_accepts_and_the_end_reveals_the_task(page):
-    page.goto("/game")
-    page.select_option("#preset", "judge")
-    page.click("#setup [type=submit]")
-    page.wait_for_selector("#turn:text-matches('your turn')")
+    _begin_game(page, "#preset", "judge")
     assert "playing with an expert (edits towards its goal)" in page.inner_text("#seat-title")
     assert "Round 1 of" in page.inner_text("#task-line")
     assert page.locator("#answers button").first.inner_text().startswith("accept")
@@ -263,10 +266,7 @@ def test_game__key_1_accepts_and_the_end_reveals_the_task(page):
 
 
 def test_game__in_audit_key_1_says_that_the_claim_holds(page):
-    page.goto("/game")
-    page.select_option("#preset", "catch")
-    page.click("#setup [type=submit]")
-    page.wait_for_selector("#answers button")
+    _begin_game(page, "#preset", "catch")
     assert page.locator("#answers button").all_inner_texts() == ["holds 1", "does not hold 2"]
     page.mouse.click(5, 5)
     page.keyboard.press("1")
@@ -304,8 +304,8 @@ def test_play__remove_crosses_the_item_out_and_a_right_click_removes_it(page):
     cell = page.locator(f".cells button[data-column='{column}'][data-row='{row}']")
     page.click("[data-choice=kind] [data-value=REMOVE]")
     cell.hover()
+    assert _left(page, ".ghost.removed") == pytest.approx(item["x"], abs=1)
     ghost, scene = page.locator(".ghost.removed").bounding_box(), page.locator("#board .scene").bounding_box()
-    assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
     assert ghost["width"] * 380 / scene["width"] == pytest.approx(item["side"], abs=1)
     page.click("[data-choice=kind] [data-value=ADD]")
     cell.click(button="right")
@@ -313,8 +313,7 @@ def test_play__remove_crosses_the_item_out_and_a_right_click_removes_it(page):
 
 
 def test_play__the_end_says_whether_the_solution_is_the_shortest_and_folds_the_program(page):
-    page.goto("/play?configuration=TowerFlipIt&task=tower-dev-001-a")
-    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    _begin(page, "/play?configuration=TowerFlipIt&task=tower-dev-001-a")
     steps = page.evaluate("request('POST', `/api/play/episodes/${episode.id}/solution`)")["steps"]
     for detour in (True, False):
         actions = ["ADD(RIGHT, BLACK)", "REMOVE(RIGHT)"] * detour + [step["action"] for step in steps]
@@ -331,30 +330,22 @@ def test_play__the_end_says_whether_the_solution_is_the_shortest_and_folds_the_p
             page.wait_for_selector("#tools:not([hidden])")
 
 
-def test_home__is_a_playable_tower_task(watched):
-    page = watched.page
-    page.goto("/")
-    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+def test_home__is_a_playable_tower_task(page):
+    _begin(page, "/")
     assert page.inner_text("#target") in ("true", "false")
     page.keyboard.press("t")
     page.wait_for_selector("#end-title:has-text('Wrong STOP')")
     assert page.locator("main a[href='./play']").count() == 1
-    _assert_clean(watched)
 
 
 def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser, tmp_path):
-    with served(tmp_path) as url:
-        context = browser.new_context(
-            base_url=url, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True
-        )
-        try:
-            page = context.new_page()
-            _begin(page)
-            assert page.locator("#board").bounding_box()["y"] < 300
-            assert _in_viewport(page, "#stop")
-            assert page.locator("kbd:visible").count() == 0
-        finally:
-            context.close()
+    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+    with served(tmp_path) as url, closing(browser.new_context(base_url=url, **phone)) as context:
+        page = context.new_page()
+        _begin(page)
+        assert page.locator("#board").bounding_box()["y"] < 300
+        assert _in_viewport(page, "#stop")
+        assert page.locator("kbd:visible").count() == 0
 
 
 def test_game__the_verifier_sees_the_proposed_item(page):
@@ -369,16 +360,14 @@ def test_game__the_verifier_sees_the_proposed_item(page):
         kind, item = seat["proposal"].partition("(")[0], seat["proposed_item"]
         if kind == "STOP":
             continue
-        ghost = page.locator(f".ghost.proposed{'.removed' if kind == 'REMOVE' else ':not(.removed)'}").bounding_box()
-        scene = page.locator("#board .scene").bounding_box()
-        assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
+        ghost = f".ghost.proposed{'.removed' if kind == 'REMOVE' else ':not(.removed)'}"
+        assert _left(page, ghost) == pytest.approx(item["x"], abs=1)
         is_there = item["description"] in [each["description"] for each in seat["scene"]["items"]]
         assert is_there is (kind == "REMOVE")
 
 
-def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(watched):
+def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(page):
     pytest.importorskip("torch")
-    page = watched.page
     page.goto("/sentence")
     page.fill("[name=sentence]", "There is a blue block, zyxwv.")
     page.click("#ask .primary")
@@ -390,14 +379,12 @@ def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(w
     assert "blue" in page.get_attribute("#plan img", "alt")
     page.click("#plan .back")
     assert "STOP" not in page.inner_text("#plan .step")
-    _assert_clean(watched)
 
 
-def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(watched):
+def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(page):
     pytest.importorskip("torch")
     dynamics = Settings("TowerFlipIt").dynamics()
     solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
-    page = watched.page
     page.goto("/beat?seed=7")
     page.wait_for_selector("#progress:has-text('Task 1 of 10')")
     for number in range(1, 11):
@@ -422,22 +409,22 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(watched):
         page.click("#download")
     with Image.open(download.value.path()) as picture:
         assert (picture.format, picture.width) == ("PNG", 1000)
-    _assert_clean(watched)
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_pages__fit_360_pixels_and_load_no_external_resources(opened, dark):
     watched = opened(360, 740, dark=dark)
+    page = watched.page
     for path in PAGES:
-        watched.page.goto(path, wait_until="networkidle")
+        page.goto(path, wait_until="networkidle")
         if path in ("/play", "/game"):
-            watched.page.select_option("[name=configuration]", "ScatterFlipIt")
-            watched.page.click("#setup [type=submit]")
-            watched.page.wait_for_selector(".cells button")
+            page.select_option("[name=configuration]", "ScatterFlipIt")
+            page.click("#setup [type=submit]")
+            page.wait_for_selector(".cells button")
         wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-        assert watched.page.evaluate(wider) <= 0, path
+        assert page.evaluate(wider) <= 0, path
         tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
-        assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
+        assert len(page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
     _assert_clean(watched, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 
@@ -484,7 +471,7 @@ def test_pages__pass_axe_during_and_after_interaction(opened, dark, width):
     page.fill("#program", "exist(")
     page.wait_for_selector("#program-fault:not(:empty)")
     found += _barriers(page, script, "editor with an error")
-    page.fill("#program", scenes_of()[0].program)
+    page.fill("#program", right_program())
     page.click("#run")
     page.wait_for_selector("#submit:not([disabled])")
     found += _barriers(page, script, "editor with an agreeing program")
@@ -495,10 +482,7 @@ def test_pages__pass_axe_during_and_after_interaction(opened, dark, width):
     page.click("#why summary")
     page.wait_for_selector("#parts li")
     found += _barriers(page, script, "end of an episode")
-    page.goto("/game")
-    page.select_option("[name=configuration]", "TowerScratch")
-    page.click("#setup [type=submit]")
-    page.wait_for_selector("#turn:text-matches('your turn')")
+    _begin_game(page, "[name=configuration]", "TowerScratch")
     page.click("#legal")
     _play_out(page)
     found += _barriers(page, script, "end of a game")
@@ -521,9 +505,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(opened, runs):
     page = watched.page
     page.goto("/watch")
     page.wait_for_selector("#episodes button")
-    page.select_option(
-        "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
-    )
+    page.select_option("#recording", label=page.inner_text("#recording option:text-matches('^expert')"))
     page.wait_for_selector("#about-title:has-text('expert')")
     page.fill("[name=text]", "black")
     page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
@@ -561,13 +543,8 @@ def test_watch__steps_through_two_recordings_by_keyboard(opened, runs):
     _assert_clean(watched, "/picture")  # a reload may cancel requests
 
 
-def _of_expert(title):
-    return title.startswith("expert")
-
-
-def test_watch__without_recordings_lets_a_shipped_agent_play(watched):
+def test_watch__without_recordings_lets_a_shipped_agent_play(page):
     pytest.importorskip("torch")
-    page = watched.page
     page.goto("/watch")
     page.wait_for_selector("#nothing:has-text('--record-decisions')")
     page.click("#request [type=submit]")
@@ -582,7 +559,6 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched):
     page.press("#viewer", "ArrowLeft")  # the step at which it stops
     page.wait_for_selector(".side [role=status]:has-text('STOP')")
     assert "✓" in page.inner_text(".side .bars >> nth=2")
-    _assert_clean(watched)
 
 
 def test_watch__offers_each_agent_where_it_can_play(page):
@@ -635,13 +611,11 @@ def _play_out(page):
 
 def test_beat__the_shared_address_begins_the_same_tasks_again(browser, page):
     with watched_page(browser) as other:
-        page.goto("/beat?seed=7")
+        _begin(page, "/beat?seed=7")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
-        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
         page.click("#stop")
         page.wait_for_selector("#rows tr")
-        other.page.goto(page.url)
-        other.page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        _begin(other.page, page.url)
         assert other.page.evaluate("tasks") == page.evaluate("tasks")
         assert other.page.evaluate("episode.id") != page.evaluate("episode.id")
         assert other.page.evaluate("episode.over") is False
@@ -652,8 +626,8 @@ def test_beat__the_shared_address_begins_the_same_tasks_again(browser, page):
 def test_explore__the_link_to_recordings_opens_one_with_the_statement(opened, tmp_path):
     from tests.web.test_watch import record
 
-    record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt")
-    record(tmp_path / "runs" / "b", "random-legal", "TowerFlipIt")
+    record(tmp_path / "runs" / "a", "random-legal", "ScatterFlipIt", decisions="")
+    record(tmp_path / "runs" / "b", "random-legal", decisions="")
     page = opened(runs=tmp_path / "runs").page
     page.goto("/explore/tower/dev/tower-dev-001")
     title = page.inner_text("h1")
@@ -677,15 +651,13 @@ def test_play__keys_act_beside_the_experts_solution_and_arrows_enter_the_board(p
 
 
 def test_play__an_action_chosen_while_the_last_one_is_sent_comes_after_it(page):
-    page.goto("/play?configuration=TowerScratch")
-    page.wait_for_selector("#episode:not([aria-busy])")
+    _begin(page, "/play?configuration=TowerScratch")
     page.evaluate("document.querySelectorAll('.cells button').forEach((cell) => cell.click())")
     page.wait_for_selector("#history:has-text('ADD(LEFT, YELLOW), ADD(MIDDLE, YELLOW), ADD(RIGHT, YELLOW)')")
 
 
 def test_play__a_double_click_acts_once(page):
-    page.goto("/play?configuration=TowerScratch")
-    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    _begin(page, "/play?configuration=TowerScratch")
     page.dblclick(".cells button[data-column='1']")
     page.wait_for_selector("#history:has-text('So far: ADD(MIDDLE, YELLOW)')")
     page.evaluate("(act('ADD(LEFT, BLUE)'), act('ADD(LEFT, BLUE)'))")
@@ -697,28 +669,27 @@ def test_play__a_double_click_acts_once(page):
 
 @pytest.mark.parametrize(
     ("address", "said"),
-    [
-        ("/play?configuration=towerflipit", "there is no configuration “towerflipit”; choose from"),
-        ("/play?split=exam", "there is no split “exam”; choose from"),
-        ("/play?task=nothing", "'nothing'"),
-        ("/play#stale", "there is no such episode"),
-        ("/#stale", "there is no such episode"),
-        ("/beat?configuration=tower", "there is no configuration “tower”"),
-    ],
+    {
+        "/play?configuration=towerflipit": "there is no configuration “towerflipit”; choose from",
+        "/play?split=exam": "there is no split “exam”; choose from",
+        "/play?task=nothing": "'nothing'",
+        "/play#stale": "there is no such episode",
+        "/#stale": "there is no such episode",
+        "/beat?configuration=tower": "there is no configuration “tower”",
+    }.items(),
 )
-def test_play__an_address_that_names_nothing_is_reported_beside_another_task(page, address, said):
-    thrown = []
-    page.on("pageerror", lambda fault: thrown.append(str(fault)))
+def test_play__an_address_that_names_nothing_is_reported_beside_another_task(opened, address, said):
+    watched = opened()
+    page = watched.page
     page.goto(address)
     page.wait_for_selector("#messages .error:has-text('This is another task.')")
     assert said in page.inner_text("#messages")
     assert page.locator("#episode:not([aria-busy]) .cells button:not(:disabled)").count() > 0
-    assert thrown == []
+    _assert_clean(watched, "status of 4")
 
 
 def test_play__no_ghost_is_drawn_on_a_full_tower(page):
-    page.goto("/play?configuration=TowerScratch")
-    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    _begin(page, "/play?configuration=TowerScratch")
     for count in range(1, 5):
         page.evaluate("act('ADD(LEFT, BLUE)')")
         page.wait_for_function("count => episode.actions.length === count", arg=count)
@@ -730,10 +701,7 @@ def test_play__no_ghost_is_drawn_on_a_full_tower(page):
 
 @pytest.mark.parametrize("shape", ["triangle", "circle", "square"])
 def test_game__a_proposed_item_of_any_shape_is_outlined(page, shape):
-    page.goto("/game")
-    page.select_option("#preset", "judge")
-    page.click("#setup [type=submit]")
-    page.wait_for_selector("#turn:text-matches('your turn')")
+    _begin_game(page, "#preset", "judge")
     page.evaluate(
         "shape => { drawGhost(board.proposed, { x: 180, y: 30, side: 30, shape, colour: 'blue' }, false);"
         " board.proposed.classList.add('proposed'); }",
@@ -810,8 +778,7 @@ def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(brows
             context = browser.new_context(base_url=f"https://localhost:{port}", ignore_https_errors=True)
             page = context.new_page()
             page.goto("/two/?token=second-token")
-            page.goto("/one/play?token=first-token")
-            page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+            _begin(page, "/one/play?token=first-token")
             page.click("#stop")
             page.wait_for_selector("#end-title:has-text('Wrong STOP')")
             for title in ("Watch", "Game", "Annotate", "Explore"):
@@ -821,8 +788,7 @@ def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(brows
             page.click("text=Play this task")
             page.wait_for_selector("#episode:not([aria-busy]) .cells button")
             assert page.url.startswith(f"https://localhost:{port}/one/play?")
-            page.goto("/two/")
-            page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+            _begin(page, "/two/")
             context.close()
 
 
@@ -839,8 +805,7 @@ def test_sentence__an_example_is_read_and_nothing_understood_is_said(page):
 
 
 def test_pages__beat_and_sentence_are_in_the_bar_and_a_hint_fills_the_line_of_play(page):
-    page.goto("/play?configuration=TowerScratch")
-    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    _begin(page, "/play?configuration=TowerScratch")
     assert page.locator(".top nav a").all_inner_texts()[-2:] == ["Beat", "Sentence"]
     hint = "() => getComputedStyle(document.getElementById('messages'), '::before').content"
     assert "Point at the scene" in page.evaluate(hint)
@@ -848,34 +813,29 @@ def test_pages__beat_and_sentence_are_in_the_bar_and_a_hint_fills_the_line_of_pl
     assert "ADD(RIGHT, YELLOW)" in page.evaluate(hint)
 
 
-def test_game__an_illegal_edit_is_refused_with_its_reason(page):
-    page.goto("/game")
-    page.select_option("[name=configuration]", "TowerScratch")
-    page.click("#setup [type=submit]")
-    page.wait_for_selector("#turn:text-matches('your turn')")
+def test_game__an_illegal_edit_is_refused_with_its_reason(opened):
+    page = opened().page
+    _begin_game(page, "[name=configuration]", "TowerScratch")
     assert "playing with an oracle (knows the truth)" in page.inner_text("#seat-title")
     page.click("[data-choice=kind] [data-value=REMOVE]")
     page.click(".cells button[data-column='0']")
     page.wait_for_selector("#messages:has-text('there is no block to remove')")
 
 
-def test_beat__the_address_names_the_opponent(watched):
+def test_beat__the_address_names_the_opponent(page):
     pytest.importorskip("torch")
-    page = watched.page
     page.goto("/beat?seed=7&agent=agent:imitation-tower")
     page.wait_for_selector("#progress:has-text('Task 1 of 10')")
     assert page.input_value("#setup [name=agent]") == "agent:imitation-tower"
     assert "agent=agent%3Aimitation-tower" in page.url
     page.select_option("#setup [name=agent]", "agent:ppo-tower")
     page.wait_for_url("**agent=agent%3Appo-tower")
-    _assert_clean(watched)
 
 
 def test_statement_without_a_program__is_explored_and_annotated(opened, tmp_path):
     blue, pair, _ = small_entries()
     write_corpus(tmp_path / "open.jsonl", "open", "MIT", [{**blue, "program": None}, pair])
-    options = {"corpus": str(tmp_path / "open.jsonl")}
-    watched = opened(**options)
+    watched = opened(corpus=str(tmp_path / "open.jsonl"))
     page = watched.page
     page.goto("/explore/tower/train/blue")
     page.wait_for_selector("article:has-text('The statement is true here.')")

@@ -29,12 +29,12 @@ def found(browser, **filters):
 
 @pytest.fixture(scope="module")
 def tasks():
-    return {task.id: task for task in load_tasks("builtin", "tower", "scratch", "dev")}
+    return load_tasks("builtin", "tower", "scratch", "dev")
 
 
 def test_search__pages_through_every_statement_of_a_split(browser, tasks):
     total, ids = found(browser)
-    assert total == len({task.statement for task in tasks.values()})
+    assert total == len({task.statement for task in tasks})
     for first in range(len(ids), total, len(ids)):
         ids += found(browser, first=first)[1]
     assert len(set(ids)) == total
@@ -44,7 +44,7 @@ def test_search__pages_through_every_statement_of_a_split(browser, tasks):
 def test_search__keeps_matching_statements_only(browser, tasks):
     total, ids = found(browser, text="BLUE")
     assert 0 < total < found(browser)[0]
-    assert all("blue" in f"{tasks[each].statement}{tasks[each].program}".lower() for each in ids)
+    assert all("blue" in f"{task.statement}{task.program}".lower() for task in map(tasks.by_id, ids))
     assert found(browser, text=ids[0]) == (1, [ids[0]])
 
 
@@ -54,8 +54,7 @@ def test_statement__has_its_scenes_solutions_and_parts(browser):
     for scene in body["scenes"]:
         settings = Settings(scene["configuration"])
         task = load_tasks("builtin", "tower", settings.start, "dev").by_id(scene["task_id"])
-        solver = Solver(settings.dynamics())
-        assert scene["steps"] == solver.solve(task).steps
+        assert scene["steps"] == Solver(settings.dynamics()).solve(task).steps
         assert scene["truth"] == task.truth(task.start)
         assert scene["parts"][0]["value"] == str(scene["truth"])
     assert browser.get(f"/explore/tower/dev/{statement_id}").status_code == 200
@@ -64,13 +63,13 @@ def test_statement__has_its_scenes_solutions_and_parts(browser):
 
 @pytest.mark.parametrize(
     ("path", "status"),
-    [
-        (f"{API}/statement?statement_id=nowhere", 404),
-        ("/explore/tower/dev/nowhere", 404),
-        ("/explore/towers/dev/x", 422),
-        ("/explore?appearance=towers", 422),
-        ("/explore?first=-1", 422),
-    ],
+    {
+        f"{API}/statement?statement_id=nowhere": 404,
+        "/explore/tower/dev/nowhere": 404,
+        "/explore/towers/dev/x": 422,
+        "/explore?appearance=towers": 422,
+        "/explore?first=-1": 422,
+    }.items(),
 )
 def test_bad_requests__get_an_error_response(browser, path, status):
     response = browser.get(path)

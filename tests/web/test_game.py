@@ -7,7 +7,7 @@ import pytest
 
 from lilgym_mp.contrib.web import live_games
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
-from tests.web.web_app import Browser
+from tests.web.web_app import Browser, assert_refused
 
 GAMES, SEATS = "/api/game/games", "/api/game/seats"
 FORBIDDEN = (
@@ -103,33 +103,27 @@ def keys_of(value):
 @pytest.mark.parametrize(
     ("protocol", "configuration"), list(zip(PROTOCOLS, ["TowerFlipIt", "ScatterFlipIt"] * 2, strict=True))
 )
-def test_responses__contain_only_what_the_seat_may_know(browser, protocol, configuration):
+def test_responses__contain_only_what_the_seat_may_know_until_the_end(browser, protocol, configuration):
     made = begin(
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
     bodies = play_out(browser, people(made))
-    task = live_game(browser.app, made["proposer"]).engine.state.mdp.task
+    state = live_game(browser.app, made["proposer"]).engine.state
+    task = state.mdp.task
     assert json.loads(bodies[0])["intent"] in ("helpful", "deceptive")
     for text in bodies:
         body = json.loads(text)
         assert task.program not in text
         assert task.id not in text
-        if body.get("end"):
-            continue  # revealed once the game is over
+        if body.get("over"):
+            continue
+        assert body.get("end") is None
         assert not {key for key in keys_of(body) if any(word in key for word in FORBIDDEN)}
         if body.get("role") == "verifier":
             assert body["intent"] is None
             assert "helpful" not in text
             assert "deceptive" not in text
-
-
-def test_end__tells_both_seats_the_truth_and_what_each_knew(browser):
-    made = begin(browser, proposer="person", verifier="person", rewards="hidden")
-    bodies = [json.loads(text) for text in play_out(browser, people(made))]
-    assert all(body["end"] is None for body in bodies if "over" in body and not body["over"])
-    state = live_game(browser.app, made["proposer"]).engine.state
     ends = [seat(browser, key)["end"] for key in people(made).values()]
-    task = state.mdp.task
     value = task.truth(state.mdp.scene)
     told = {"reached": value is task.target, "statement": task.statement, "value": value, "target": task.target}
     assert ends == [{**told, "intent": state.intent.name.lower()}] * 2
@@ -193,9 +187,7 @@ def test_legal__equals_the_agents_mask(browser):
 def test_action__invalid_is_refused_and_changes_nothing(browser, action, own_actions, said):
     made = begin(browser, proposer="person", verifier="oracle")
     before = seat(browser, made["proposer"])
-    response = act(browser, made["proposer"], action, own_actions)
-    assert response.status_code == 409
-    assert said in response.json()["message"]
+    assert_refused(act(browser, made["proposer"], action, own_actions), 409, said)
     assert seat(browser, made["proposer"]) == before
 
 
@@ -221,9 +213,7 @@ def test_action__out_of_turn_is_refused(browser):
 def test_begin__names_the_invalid_setting(browser, chosen, status, said):
     if "agent:" in chosen.get("verifier", "") or "run:" in chosen.get("verifier", ""):
         pytest.importorskip("torch")
-    response = browser.post(GAMES, chosen)
-    assert response.status_code == status, response.text
-    assert said in response.json()["message"]
+    assert_refused(browser.post(GAMES, chosen), status, said)
 
 
 @pytest.mark.parametrize("seats", [("agent:parse-and-plan", "person"), ("person", "agent:parse-and-plan")])
@@ -242,20 +232,16 @@ def test_trained_partner__takes_either_seat(browser, seats):
 
 def test_agent_of_the_game__plays_its_own_protocol(browser, tmp_path, monkeypatch):
     pytest.importorskip("torch")
-    from lilgym_mp.learning.game.recipe import GameRecipe
     from lilgym_mp.learning.game.training import train_game
+    from tests.learning.conftest import SMALL_GAME
 
-    recipe = GameRecipe(
-        envs=4, same_statement=2, rollout=16, batch_size=16, epochs=1, recolour=False, empty_starts=0, width=16
-    )
     settings = GameSettings(protocol="audit", rewards="correctness")
-    trained = train_game(settings, recipe, tmp_path / "run", steps=16, device="cpu")
+    trained = train_game(settings, SMALL_GAME, tmp_path, steps=64, device="cpu")
     name = "agent:parse-and-plan"
     monkeypatch.setattr(browser.app.state.services.runs, "_agent", {name: trained}.get)
     chosen = {"verifier": name, "proposer": "person", "configuration": "TowerScratch"}
     refused = browser.post(GAMES, {**chosen, "protocol": "veto"})
-    assert refused.status_code == 422
-    assert "this agent plays tower under the protocol audit" in refused.json()["message"]
+    assert_refused(refused, 422, "this agent plays tower under the protocol audit")
     (key,) = people(begin(browser, **chosen, protocol="audit")).values()
     body = act(browser, key, "STOP").json()
     assert body["over"]

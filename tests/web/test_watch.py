@@ -14,21 +14,21 @@ from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.policies import built_in_policy
-from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.results import EvaluationPlan, play, training_statements
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
+from tests.command_line import succeeds
 from tests.corpora import write_thin_corpus
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser, assert_refused, server
 
 API = "/api/watch/recordings"
+JUDGED = "--record-decisions --judge-decisions"
 
 
-def record(directory, name, configuration="TowerFlipIt", *, corpus="builtin", decisions=True):
-    plan = EvaluationPlan(Settings(configuration, corpus=corpus), "dev", record_decisions=decisions)
-    seen = training_statements(plan.settings)
-    recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=configuration.startswith("Tower"))
-    return recorder.write(directory, play(built_in_policy(name), plan, seen))
+def record(directory, name, configuration="TowerFlipIt", corpus="builtin", decisions=JUDGED):
+    """The path of a recording that the command makes."""
+    command = f"evaluate --alone --policy {name} --configuration {configuration} --corpus {corpus} {decisions} --record"
+    succeeds(command, directory)
+    (path,) = directory.glob(f"{name}*{SUFFIX}")
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def runs(tmp_path_factory):
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 30))
     record(place / "tower", "random-legal", corpus=thin)
     record(place / "tower", "expert", corpus=thin)
-    record(place / "scatter", "random-legal", "ScatterFlipIt", corpus=thin)
-    record(place / "old", "random-legal", "TowerScratch", corpus=thin, decisions=False)
+    record(place / "scatter", "random-legal", "ScatterFlipIt", thin, "--record-decisions")
+    record(place / "old", "random-legal", "TowerScratch", thin, "")
     return place
 
 
@@ -86,7 +86,7 @@ def test_request__a_shipped_agent_plays_and_is_listed_first(browser, runs):
 @pytest.mark.long
 def test_request__may_play_an_agent_with_a_recording_in_the_directory(tmp_path):
     pytest.importorskip("torch")
-    recorded = record(tmp_path / "runs", "expert", "TowerFlipIt")
+    recorded = record(tmp_path / "runs", "expert", decisions="")
     recorded.rename(recorded.with_name(f"imitation-TowerFlipIt-dev-0{SUFFIX}"))
     with server(tmp_path, runs=tmp_path / "runs") as app:
         browser, new = Browser(app), {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"}
@@ -115,8 +115,7 @@ def test_agents__of_replaced_files_are_loaded_again(tmp_path):
 )
 def test_request__that_cannot_be_played_says_why(browser, agent, configuration, status, reason):
     pytest.importorskip("torch")
-    answer = browser.post(API, {"agent": agent, "configuration": configuration})
-    assert (answer.status_code, reason in answer.json()["message"]) == (status, True), answer.text
+    assert_refused(browser.post(API, {"agent": agent, "configuration": configuration}), status, reason)
 
 
 def test_recording__has_outcome_counts_and_comparable_recordings(browser, runs):
@@ -162,12 +161,12 @@ def test_episode__tower_cells_are_its_boxes(browser):
 
 @pytest.mark.parametrize(
     ("path", "status"),
-    [
-        (f"{API}/0123456789abcdef", 404),
-        (f"{API}/0123456789abcdef/episodes/0", 404),
-        (f"{API}/..%2F..%2Fetc%2Fpasswd", 404),
-        (f"{API}/%2e%2e", 422),
-    ],
+    {
+        f"{API}/0123456789abcdef": 404,
+        f"{API}/0123456789abcdef/episodes/0": 404,
+        f"{API}/..%2F..%2Fetc%2Fpasswd": 404,
+        f"{API}/%2e%2e": 422,
+    }.items(),
 )
 def test_recording__only_listed_ids_are_found(browser, path, status):
     response = browser.get(path)
@@ -177,8 +176,7 @@ def test_recording__only_listed_ids_are_found(browser, path, status):
 
 def test_episode__beyond_the_last_is_not_found(browser):
     response = browser.get(f"{API}/{found(browser, 'old/')['id']}/episodes/100000")
-    assert response.status_code == 404
-    assert "this recording has episodes 0 to" in response.json()["message"]
+    assert_refused(response, 404, "this recording has episodes 0 to")
 
 
 def damaged(runs, target, how):
@@ -195,7 +193,7 @@ def damaged(runs, target, how):
 
 @pytest.mark.parametrize(
     ("how", "said"),
-    [("text", "damaged"), ("cut", "truncated"), ("horizon", "horizon")],
+    {"text": "damaged", "cut": "truncated", "horizon": "horizon"}.items(),
 )
 def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(tmp_path, runs, how, said, caplog):
     place = tmp_path / "runs"
@@ -212,14 +210,13 @@ def test_recording__a_damaged_file_is_left_out_or_refused_and_the_others_work(tm
         opened = browser.get(f"{API}/{line['id']}")
         if opened.status_code == 200:
             opened = browser.get(f"{API}/{line['id']}/episodes/0")
-        assert opened.status_code == 422
-        assert said in opened.json()["message"]
+        assert_refused(opened, 422, said)
         assert str(tmp_path) not in opened.json()["message"]
 
 
 def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
     place = tmp_path / "runs"
-    path = record(place, "expert", "TowerScratch", decisions=False)
+    path = record(place, "expert", "TowerScratch", decisions="")
     recording = read_episodes(path)
     with server(tmp_path, runs=place) as app:
         browser = Browser(app)
@@ -228,10 +225,9 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
         assert found(browser, "expert")["episodes"] == 3
 
 
-def test_watch__offers_agents_only_in_the_configurations_that_they_play(tmp_path):
+def test_watch__offers_agents_only_in_the_configurations_that_they_play(browser):
     pytest.importorskip("torch")
-    with server(tmp_path) as app:
-        page = Browser(app).get("/watch").text
+    page = browser.get("/watch").text
     offered = set(re.findall(r'<option value="agent:(\S+) (\w+)"', page))
     assert ("ppo-tower", "TowerFlipIt") in offered
     assert ("ppo-tower", "ScatterFlipIt") not in offered

@@ -17,19 +17,23 @@ from anyio.from_thread import start_blocking_portal
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
 
-class Browser:
+class Browser(TestClient):
     """A test client with its own cookies."""
 
-    def __init__(self, app, **headers):
-        self.app = app
-        self.client = TestClient(app, raise_server_exceptions=False, headers=headers)
-        self.client.portal = app.state.portal
-
-    def get(self, path, **options):
-        return self.client.get(path, **options)
+    def __init__(self, app):
+        super().__init__(app, raise_server_exceptions=False)
+        self.portal = app.state.portal
 
     def post(self, path, body=None, **options):
-        return self.client.post(path, json=body, **options)
+        return super().post(path, json=body, **options)
+
+
+def assert_refused(response, status, said=""):
+    """A response of an error has the status, and a message with the text."""
+    assert response.status_code == status, response.text
+    message = response.json()["message"]
+    assert message
+    assert said in message
 
 
 @contextmanager

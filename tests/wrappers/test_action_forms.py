@@ -6,7 +6,7 @@ import pytest
 from gymnasium import spaces
 
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import ActionError, describe, named
+from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import (
     MultiDiscreteActions,
@@ -40,11 +40,6 @@ def test_every_array__decodes_to_its_index_ignoring_unused_slots(make, appearanc
     arrays[arrays == -1] = unused
     indices, _ = env.transformation.actions(arrays, env._state)
     assert indices.tolist() == list(range(actions.action_count))
-
-
-@pytest.mark.parametrize("actions", [make_appearance("tower"), make_appearance("scatter", (38, 10))], ids=str)
-def test_every_name__decodes_to_its_action(actions):
-    assert all(named(describe(action)) == action for action in map(actions.decode, range(actions.action_count)))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Wrappers of the proposer-verifier game."""
 
-import warnings
 from functools import partial
 from itertools import cycle
 
@@ -8,17 +7,17 @@ import numpy as np
 import pytest
 
 from lilgym_mp import wrappers
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import WrongEnvironment
 
 pytest.importorskip("pettingzoo")
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own
-    from pettingzoo.test import api_test, parallel_api_test
-    from pettingzoo.utils import BaseParallelWrapper
+from pettingzoo.test import api_test, parallel_api_test
+from pettingzoo.utils import BaseParallelWrapper
 
-    from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
+from lilgym_mp.envs.proposer_verifier import AGENTS, ALWAYS_ACCEPT, SingleAgentView, env, parallel_env
 
-PROPOSER, VERIFIER = "proposer_0", "verifier_0"
+PROPOSER, VERIFIER = AGENTS
 STOP, ADD_LEFT_BLUE = 0, 3  # of tower's actions
 REJECT, ACCEPT = 0, 1
 
@@ -50,20 +49,18 @@ def settings(corpus):
     return {"appearance": "tower", "start": "scratch", "corpus": str(corpus), "protocol": "veto"}
 
 
-@pytest.mark.parametrize(("names", "protocol"), zip(STACKS, cycle(["veto", "joint"])))
+@pytest.mark.filterwarnings(*(f"ignore:{message}" for message in NOT_OURS))
+@pytest.mark.parametrize(("names", "protocol"), [*zip(STACKS, cycle(["veto", "joint"]), strict=False)])
 def test_wrapped_game__passes_pettingzoos_tests(settings, names, protocol):
     settings["protocol"] = protocol
-    with warnings.catch_warnings():
-        for message in NOT_OURS:
-            warnings.filterwarnings("ignore", message=message)
-        api_test(stacked(env(**settings), names), num_cycles=30)
-        parallel_api_test(stacked(parallel_env(**settings), names), num_cycles=30)
+    api_test(stacked(env(**settings), names), num_cycles=30)
+    parallel_api_test(stacked(parallel_env(**settings), names), num_cycles=30)
 
 
 def test_format__transforms_each_agents_observation(settings):
     game = wrappers.structured_observation_v0(parallel_env(**settings))
     observations, _ = game.reset(options={"task": "blue"})
-    for agent in (PROPOSER, VERIFIER):
+    for agent in AGENTS:
         assert "image" not in observations[agent]["observation"]
         assert observations[agent] in game.observation_space(agent)
     game.step({PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0})
@@ -91,7 +88,7 @@ def test_action_mask__is_in_infos_as_in_observations(settings):
     game = wrappers.stop_forcing_v0(wrappers.action_mask_v0(parallel_env(**settings)))
     for actions in (None, {PROPOSER: ADD_LEFT_BLUE, VERIFIER: 0}, {PROPOSER: STOP, VERIFIER: ACCEPT}):
         observations, *_, infos = game.reset(options={"task": "blue"}) if actions is None else game.step(actions)
-        for agent in (PROPOSER, VERIFIER):
+        for agent in AGENTS:
             assert np.array_equal(infos[agent]["action_mask"], observations[agent]["action_mask"])
 
 
@@ -123,20 +120,18 @@ def test_other_packages_wrappers__come_after_those_of_this_package(settings):
 
 
 @pytest.mark.parametrize(
-    "wrap",
+    ("wrap", "message"),
     [
-        *(wrappers.text_observation_v0, wrappers.multi_discrete_actions_v0),
-        *(partial(wrappers.stop_forcing_v0, mode=mode) for mode in ("replace", "observe")),
+        (wrappers.text_observation_v0, "uses the MDP's actions"),
+        (wrappers.multi_discrete_actions_v0, "uses the MDP's actions"),
+        (partial(wrappers.stop_forcing_v0, mode="replace"), "uses the MDP's actions"),
+        (partial(wrappers.stop_forcing_v0, mode="observe"), "uses the MDP's actions"),
+        (wrappers.potential_shaping_v0, "changes the MDP's rewards"),
     ],
 )
-def test_wrappers_of_mdp_actions__are_refused(settings, wrap):
-    with pytest.raises(WrongEnvironment, match="uses the MDP's actions"):
+def test_wrappers_of_mdp_actions_and_rewards__are_refused(settings, wrap, message):
+    with pytest.raises(WrongEnvironment, match=message):
         wrap(env(**settings))
-
-
-def test_wrapper_of_rewards__is_refused(settings):
-    with pytest.raises(WrongEnvironment, match="changes the MDP's rewards"):
-        wrappers.potential_shaping_v0(env(**settings))
 
 
 @pytest.mark.parametrize("make", [env, parallel_env])
@@ -148,3 +143,44 @@ def test_wrapper__leaves_the_game_that_it_was_given_as_it_was(settings, make):
         assert ("image" in each.observation_space(PROPOSER)["observation"].spaces) == has_image
         assert ("image" in each.unwrapped.engine.observe(0)["observation"]) == has_image
     assert not game.unwrapped.engine.layers
+
+
+@pytest.mark.parametrize("make", [env, parallel_env])
+def test_single_agent_view__applies_flat_observations(make):
+    view = SingleAgentView(wrappers.flat_observation_v0(wrappers.grid_planes_v0(make())), PROPOSER, ALWAYS_ACCEPT)
+    observation, _ = view.reset(seed=0)
+    assert view.observation_space.contains(observation)
+    observation, *_ = view.step(int(np.flatnonzero(view.action_masks())[1]))
+    assert view.observation_space.contains(observation)
+
+
+EASY = Task("easy", "A block is blue.", "exist(filter_color(all_items, Color.BLUE))", True, Scene.empty())
+
+
+@pytest.mark.parametrize("make", [env, parallel_env])
+def test_single_agent_view__allows_only_stop_at_the_goal_with_stop_forcing(make):
+    view = SingleAgentView(wrappers.stop_forcing_v0(make(reveal_truth=True)), PROPOSER, ALWAYS_ACCEPT)
+    view.reset(options={"task": EASY})
+    assert view.action_masks().sum() > 1
+    *_, info = view.step(ADD_LEFT_BLUE)
+    assert info["goal_reached"]
+    assert np.flatnonzero(view.action_masks()).tolist() == [0]
+
+
+def test_single_agent_view__applies_wrappers_to_the_partner():
+    """At the goal, the partner playing the proposer may only STOP."""
+    game = wrappers.stop_forcing_v0(env(protocol="audit"))
+    allowed = []
+
+    def proposer(turn):
+        allowed.extend(np.flatnonzero(mask).tolist() for mask in (turn.action_mask, turn["action_mask"]))
+        return ADD_LEFT_BLUE if len(allowed) == 2 else 0
+
+    SingleAgentView(game, VERIFIER, proposer).reset(options={"task": EASY})
+    assert len(allowed[0]) == len(allowed[1]) > 1
+    assert allowed[2:] == [[0], [0]]
+
+
+def test_single_agent_view__refuses_array_observations():
+    with pytest.raises(TypeError, match='SingleAgentView needs the game with observations="nested"'):
+        SingleAgentView(parallel_env(observations="vector"), PROPOSER, ALWAYS_ACCEPT)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from lilgym_mp import wrappers
 from tests.command_line import python
 
 # A script that sends every public object to a spawned process by cloudpickle, inside a function of `__main__`.
@@ -62,10 +61,3 @@ def test_public_names__are_sent_to_spawned_processes_by_cloudpickle(tmp_path):
     script.write_text(SCRIPT)
     done = python(script, cwd=tmp_path)
     assert done.stdout.splitlines() == ["[]", "True True True"], done.stdout + done.stderr
-
-
-def test_factories__are_found_where_they_say():
-    factories = [name for name in wrappers.__all__ if name.endswith("_v0")]
-    assert len(factories) == 15
-    assert all(getattr(wrappers, name).__module__ == wrappers.__name__ for name in factories)
-    assert all(getattr(wrappers, name).__qualname__ == name for name in factories)

@@ -1,7 +1,6 @@
 """Shaped rewards and forced stops around wrappers that reset environments themselves."""
 
 from functools import partial
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +15,7 @@ TOWER = "lilgym_mp/TowerFlipIt-v0"
 N = 4
 
 
-class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
+class ResetAtOnce(gym.Wrapper):
     """Resets in the step that ends an episode, as some wrappers of other libraries do."""
 
     def step(self, action):

@@ -1,6 +1,8 @@
 """Box permutation and the NLVR reward."""
 
 from collections import Counter
+from contextlib import closing
+from functools import partial
 
 import gymnasium as gym
 import pytest
@@ -8,7 +10,6 @@ import pytest
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from lilgym_mp.corpus.matching import matching_corpus, with_permuted_boxes
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import (
     ActionMask,
     BoxPermutation,
@@ -18,23 +19,12 @@ from lilgym_mp.wrappers import (
     WrongEnvironment,
     box_permutation_v0,
 )
+from tests.corpora import BLACK_BLOCK, entry
 
 STOP, ADD_LEFT_BLACK, ADD_LEFT_BLUE, ADD_MIDDLE_BLUE, ADD_RIGHT_BLUE = 0, 2, 3, 6, 9
 
-NAMES_A_BOX = {
-    "id": "left",
-    "appearance": "tower",
-    "split": "train",
-    "statement": "The left box holds something.",
-    "program": "count(all_boxes[0]) > 0",
-    "starts": [
-        {
-            "id": "left-yes",
-            "label": True,
-            "scene": [[{"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}], [], []],
-        }
-    ],
-}
+PROGRAM = "count(all_boxes[0]) > 0"
+NAMES_A_BOX = entry("left", "tower", "train", "The left box holds something.", PROGRAM, yes=[[BLACK_BLOCK], [], []])
 
 
 def test_permuted__has_six_tasks_one_per_order_of_the_boxes(corpus):
@@ -76,11 +66,11 @@ def test_permuted__official_statements_never_name_a_box():
 
 def test_box_permutation__starts_in_every_order(make):
     env = BoxPermutation(make("TowerFlipIt"))
-    starts = Counter[Scene]()
+    starts = set()
     env.reset(seed=0)
     for _ in range(300):
         env.reset()
-        starts[env.unwrapped.scene] += 1
+        starts.add(env.unwrapped.scene)
     assert len(starts) == 12  # six orders of "blue-yes", three of the black block alone, three of the blue one alone
     env.reset(options={"task": "pair-no@120"})
     assert [len(box.items) for box in env.unwrapped.scene.boxes] == [0, 0, 1]
@@ -125,16 +115,11 @@ def test_task_change__refuses_a_sampler():
 
 
 def test_task_change__applies_to_batches_and_workers(corpus):
-    settings = {"num_envs": 6, "corpus": str(corpus)}
-    batch = box_permutation_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", **settings))
-    workers = box_permutation_v0(WorkerVectorEnv("lilgym_mp/TowerFlipIt-v0", num_workers=2, **settings))
-    try:
-        for env in (batch, workers):
+    for make in (gym.make_vec, partial(WorkerVectorEnv, num_workers=2)):
+        env = box_permutation_v0(make("lilgym_mp/TowerFlipIt-v0", num_envs=6, corpus=str(corpus)))
+        with closing(env):
             assert len(env.unwrapped.tasks) == 18
             tasks = env.reset(seed=1)[1]["task"]
             assert any("@" in task for task in tasks)
-            assert [state.scene for state in env.unwrapped.states()] == [
-                env.unwrapped.tasks.by_id(task).start for task in tasks
-            ]
-    finally:
-        workers.close()
+            starts = [env.unwrapped.tasks.by_id(task).start for task in tasks]
+            assert [state.scene for state in env.unwrapped.states()] == starts

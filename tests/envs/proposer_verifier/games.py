@@ -1,12 +1,8 @@
 """A small game for the tests, with one task."""
 
-from collections import namedtuple
-
-import numpy as np
-
 from lilgym_mp.corpus import Provenance, TaskSet
-from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Role
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
@@ -49,40 +45,13 @@ def game(**settings):
     return Game(GameSettings.of(settings)).with_tasks(TASKS)
 
 
-# One turn of a game. Pairs are by Role; the outcome is None if the MDP took no step.
-Step = namedtuple("Step", "state movers messages rewards terminated truncated outcome illegal judgement")
-
-
-class OneGame:
-    """A game of the only task, played with the actions of the agents to move."""
-
-    def __init__(self, game, intent=Intent.HELPFUL):
-        self.games = GameArrays(game.revealing_truth(), 1)
-        self.games.start(np.zeros(1, int), np.zeros(1, int), np.array([intent]))
-
-    @property
-    def movers(self):
-        return self.games.movers_of(0)
-
-    def step(self, *actions):
-        """Plays a turn; for an agent out of turn, 0."""
-        games, movers, given = self.games, self.movers, iter(actions)
-        games.step(*(np.array([next(given) if role in movers else 0]) for role in Role))
-        illegal = tuple(role in movers and "illegal_choice" in games.infos(0)[role] for role in Role)
-        rewards = tuple(games.rewards[:, 0].tolist())
-        ends = bool(games.terminated[0]), bool(games.truncated[0])
-        state, messages = games.state(0), tuple(games.messages[:, 0].tolist())
-        return Step(
-            state, self.movers, messages, rewards, *ends, games.last_outcome(0), illegal, games.last_judgement(0)
-        )
-
-
-def final_step(game, *actions, intent=Intent.HELPFUL):
-    """The last step of a game with these actions; pairs in the simultaneous protocol."""
-    return all_steps(game, *actions, intent=intent)[-1]
-
-
-def all_steps(game, *actions, intent=Intent.HELPFUL):
-    """All steps of a game with these actions."""
-    played = OneGame(game, intent)
-    return [played.step(*action) if isinstance(action, tuple) else played.step(action) for action in actions]
+def played(game, *turns, intent="helpful"):
+    """The engine after these turns of the only task, and the turns' results. A turn is the action of the agent to move;
+    in the simultaneous protocol, a pair."""
+    engine = GameEngine(game.revealing_truth())
+    engine.reset(0, {"intent": intent})
+    results = []
+    for turn in turns:
+        given = iter(turn if isinstance(turn, tuple) else [turn])
+        results.append(engine.step(*(next(given) if role in engine.movers else None for role in Role)))
+    return engine, results

@@ -33,8 +33,6 @@ def test_vectors__are_the_nested_observations_with_masks_in_infos(protocol):
         actions = {agent: int(infos[agent]["action_mask"].argmax()) for agent in AGENTS}
         before, *_ = nested.step(actions)
         seen, *_, infos = game.step(actions)
-        if not game.agents:
-            break
 
 
 def test_unknown_form__is_refused_naming_the_choices():

@@ -20,17 +20,14 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import ActionError, RemoveBlock
 from lilgym_mp.testing import assert_same
 from tests.envs.proposer_verifier.games import (
-    ACCEPT,
     ACTIONS,
     ADD_BLACK,
     ADD_BLUE,
     CONTINUE,
-    REJECT,
     STOP_NOW,
     STOPS,
     TASKS,
     TOWER,
-    WAIT,
 )
 
 PROPOSER, VERIFIER = AGENTS
@@ -60,25 +57,6 @@ def test_infos__describe_each_turn_of_a_hand_worked_veto_game(count):
         for name, value in re.findall(r"(\w+)=(\[.*?\]|\S+)", expected):
             assert np.asarray(infos[name][-1], float).round(6).tolist() == json.loads(value), (line, name)
     assert infos["is_success"].all()
-
-
-def test_refused__shows_the_proposal_until_an_action_is_played():
-    game = parallel_env(protocol="veto")
-    seen, _ = game.reset(seed=0)
-    refused = []
-    for proposer, verifier in ((ADD_BLUE, 2), (WAIT, REJECT), (ADD_BLUE, 2), (WAIT, ACCEPT)):
-        seen, *_ = game.step({PROPOSER: proposer, VERIFIER: verifier})
-        refused.append(seen[PROPOSER]["observation"]["refused"].tolist())
-    assert refused == [[-1, -1, -1], [1, 0, 2], [1, 0, 2], [-1, -1, -1]]
-
-
-def test_proposed_scene__is_the_scene_after_the_proposal():
-    game = parallel_env(protocol="veto", views={"scene": "structured", "proposed_scene": True})
-    game.reset(seed=0)
-    seen, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
-    view = seen[VERIFIER]["observation"]
-    assert (view["item_array"] == -1).all()
-    assert view["proposed_item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
 def test_tasks_and_sampler__choose_what_is_played():

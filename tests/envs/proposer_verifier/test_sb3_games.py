@@ -40,8 +40,9 @@ def test_one_seat__plays_as_single_agent_views_do(protocol, agent):
     partner = "oracle" if agent == PROPOSER else claims_after_two_edits
     settings = {"protocol": protocol, "rewards": "hidden"}
     make = partial(make_game_vec_env, GAMES, agent, partner, **settings)
-    check_sb3_games(make, lambda: SingleAgentView(env(**settings), agent, partner), steps=12)
-    assert make().observation_space == SingleAgentView(env(**settings), agent, partner).observation_space
+    single = lambda: SingleAgentView(env(**settings), agent, partner)  # noqa: E731
+    check_sb3_games(make, single, steps=12)
+    assert make().observation_space == single().observation_space
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])

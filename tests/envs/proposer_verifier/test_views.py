@@ -8,24 +8,26 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env
-from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.scene.render import draw
-from tests.envs.proposer_verifier.games import ADD_BLACK, ADD_BLUE, REJECT, game
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, game, played
 
 PROPOSER, VERIFIER = AGENTS
 
 
 def engine(**settings):
     """The engine after reset, with the only task."""
-    started = GameEngine(game(**settings))
-    started.reset(0, None)
-    return started
+    return played(game(**settings))[0]
+
+
+def seen(engine, role):
+    """The parts of an agent's observation."""
+    return engine.observe(role)["observation"]
 
 
 def test_scene__is_drawn_or_listed_item_by_item():
     game = engine(protocol="joint", image_size="native", views={PROPOSER: "image", VERIFIER: "structured"})
     game.step(ADD_BLUE, 0)
-    drawn, listed = (game.observe(role)["observation"] for role in Role)
+    drawn, listed = (seen(game, role) for role in Role)
     assert np.array_equal(drawn["image"], draw(game.state.mdp.scene, "native"))
     assert "proposal" not in drawn
     assert listed["item_array"].shape == (3, 4, 5)
@@ -35,25 +37,38 @@ def test_scene__is_drawn_or_listed_item_by_item():
 
 def test_tokens__encode_the_statement():
     game = engine()
-    tokens = game.observe(Role.PROPOSER)["observation"]["statement"]
+    tokens = seen(game, Role.PROPOSER)["statement"]
     assert game.game.sizes.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
-def test_proposal__is_observed_in_the_released_array_form_until_answered():
+def test_proposal__is_observed_in_the_released_array_form_until_answered_and_as_refused_until_an_action_is_played():
     game = engine()
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
+
+    def shown():
+        return [seen(game, Role.VERIFIER)["proposal"].tolist(), seen(game, Role.PROPOSER)["refused"].tolist()]
+
+    found = [shown()]
+    for actions in ((ADD_BLUE, None), (None, REJECT), (ADD_BLUE, None), (None, ACCEPT)):
+        game.step(*actions)
+        found.append(shown())
+    nothing, blue = [-1, -1, -1], [1, 0, 2]
+    assert found == [[nothing, nothing], [blue, nothing], [nothing, blue], [blue, blue], [nothing, nothing]]
+
+
+def test_proposed_scene__is_the_scene_after_the_proposal():
+    game = engine(views={"scene": "structured", "proposed_scene": True})
     game.step(ADD_BLUE, None)
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [1, 0, 2]
-    game.step(None, REJECT)
-    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
+    view = seen(game, Role.VERIFIER)
+    assert (view["item_array"] == -1).all()
+    assert view["proposed_item_array"][0, 0].tolist() == [40, 80, 1, 2, 1]
 
 
 def test_history__holds_the_last_turns_newest_last():
     game = engine(views={"history": 3}, message_size=2)
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
     game.step(None, game.game.encode_action(Role.VERIFIER, REJECT, message=1))
-    nothing, proposed, rejected = game.observe(Role.PROPOSER)["observation"]["history"].tolist()
+    nothing, proposed, rejected = seen(game, Role.PROPOSER)["history"].tolist()
     assert nothing == [-1] * 6
     assert proposed == [1, 0, 2, -1, 2, 0]
     assert rejected == [-1, -1, -1, REJECT, 2, 1]
@@ -62,15 +77,15 @@ def test_history__holds_the_last_turns_newest_last():
 def test_message__is_the_other_agents_last_message():
     game = engine(message_size={PROPOSER: 2, VERIFIER: 0})
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
-    assert game.observe(Role.VERIFIER)["observation"]["message"] == 2
-    assert "message" not in game.observe(Role.PROPOSER)["observation"]
+    assert seen(game, Role.VERIFIER)["message"] == 2
+    assert "message" not in seen(game, Role.PROPOSER)
 
 
 def test_view__can_omit_all_parts_but_one():
     nothing = View(scene="none", statement="none", target=False, proposal=False, refused=False)
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False, refused=False)}
-    assert set(engine(views=views).observe(Role.VERIFIER)["observation"]) == {"target"}
-    assert engine(views=nothing).observe(Role.PROPOSER)["observation"] == {}
+    assert set(seen(engine(views=views), Role.VERIFIER)) == {"target"}
+    assert seen(engine(views=nothing), Role.PROPOSER) == {}
 
 
 def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():
@@ -90,8 +105,13 @@ def test_spaces__are_the_same_for_every_split(split):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
-def test_copy_in_mid_game__continues_alike(copied):
+def test_copies__draw_their_own_tasks_if_unseeded_and_continue_a_game_alike(copied):
     game = parallel_env(protocol="joint", views={"history": 2})
+    drawn = set()
+    for unseeded in (copied(game) for _ in range(8)):
+        unseeded.reset()
+        drawn.add(unseeded.task.id)
+    assert len(drawn) > 1
     game.reset(seed=3)
     game.step({PROPOSER: ADD_BLUE, VERIFIER: 0})
     twin = copied(game)

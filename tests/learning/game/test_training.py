@@ -1,9 +1,7 @@
 """Runs that learn the game: learning, saving, resuming, partners and invalid input."""
 
 import json
-import os
 import shutil
-import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,13 +25,12 @@ from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.rollout import RolloutPlayer
 from lilgym_mp.learning.game.training import GameRun, train_game
-from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.programs import compile_program
 from tests.command_line import error_of, lilgym, output_of, succeeds
 from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import SMALL_GAME as SMALL
-from tests.learning.conftest import equal, weights
+from tests.learning.conftest import SMALL_PPO, equal, interrupt_at_64_steps, weights
 
 LEARNING = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
 INDEPENDENT = replace(SMALL, algorithm="independent")
@@ -54,7 +51,7 @@ def test_train__both_agents_solve_three_statements(tmp_path, three, algorithm, v
     settings = GameSettings(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
     agent = trained(tmp_path, 12_288, recipe, settings)
-    players = agent.partner(Role.PROPOSER, sampled=True), agent.partner(Role.VERIFIER, sampled=True)
+    players = (agent.partner(role, sampled=True) for role in Role)
     assert measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate > 0.85
 
 
@@ -94,7 +91,7 @@ def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, p
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
     env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, split="dev", **changes)
-    players = agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER)
+    players = [*map(agent.partner, Role)]
     batched = measure(env, *players)
     single = measure(env, *(lambda turn, one=one: one(turn) for one in players))
     assert batched == single
@@ -135,13 +132,8 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
 @pytest.mark.long
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path):
     trained(tmp_path / "whole", 128, INDEPENDENT)
-
-    def interrupt(progress):
-        if progress.steps == 64:
-            os.kill(os.getpid(), signal.SIGINT)
-
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 128, INDEPENDENT, on_progress=interrupt)
+        trained(tmp_path / "cut", 128, INDEPENDENT, on_progress=interrupt_at_64_steps)
     details = open_agent(tmp_path / "cut").description.details
     assert (details["steps"], details["interrupted"]) == (64, True)
     assert lilgym("train game --resume --out", tmp_path / "cut") == 0  # to the steps it was begun with
@@ -158,7 +150,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
     alone = trained(tmp_path / "alone", proposers=[tmp_path / "both"], start_from=tmp_path / "both")
     assert alone.partner(Role.PROPOSER) is None
     assert set(alone.networks) == {Role.VERIFIER}
-    assert all(torch.equal(before[name], tensor) for name, tensor in weights(tmp_path / "both").items())
+    assert equal(before, tmp_path / "both")
     with pytest.raises(AgentError, match="no trained proposer_0"):
         trained(tmp_path / "third", proposers=[tmp_path / "alone"])
     veto = GameSettings(protocol="veto")
@@ -173,8 +165,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
 
 
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path):
-    single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
-    agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
+    agent = train_ppo(Settings("TowerScratch"), SMALL_PPO, tmp_path / "single", steps=32, device="cpu")
     wide = replace(SMALL, width=112)
     run = GameRun(JOINT, wide, tmp_path / "game", steps=64, start_from=tmp_path / "single", device="cpu")
     own = run.networks["shared"].state_dict()
@@ -217,12 +208,12 @@ def test_command__trains_with_rewards_as_json_and_against_a_run(tmp_path, capsys
 
 @pytest.mark.parametrize(
     ("wrong", "error"),
-    [
-        ("--minutes 0", "minutes must be above 0, not 0"),
-        ("--rewards {", "--rewards: not valid JSON"),
-        ("--rewards none", "unknown rewards 'none'; choose from"),
-        ("--proposers nowhere", "no trained agent at"),
-    ],
+    {
+        "--minutes 0": "minutes must be above 0, not 0",
+        "--rewards {": "--rewards: not valid JSON",
+        "--rewards none": "unknown rewards 'none'; choose from",
+        "--proposers nowhere": "no trained agent at",
+    }.items(),
 )
 def test_command__wrong_options_are_reported(wrong, error, tmp_path, capsys):
     command = f"train game TowerFlipIt --protocol joint {SMALL_RUN} {wrong} --out"

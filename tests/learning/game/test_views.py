@@ -25,7 +25,7 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.game.situations import CONTEXT, PENDING, REFUSED, context_sizes, read_situations
 from lilgym_mp.learning.game.training import GameRun, train_game
 from tests.command_line import succeeds
-from tests.json_files import read_json
+from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import SMALL_GAME as SMALL
 
 INDEPENDENT = replace(SMALL, algorithm="independent")
@@ -35,16 +35,13 @@ EYES_SHUT = View(statement="none", target=False)
 
 def trained(path, settings, recipe=INDEPENDENT, **options):
     train_game(settings, recipe, path, steps=128, device="cpu", **options)
-    agent = open_agent(path, "cpu")
-    return agent
+    return open_agent(path, "cpu")
 
 
 def first_turns(settings, role, count=40):
     """An agent's turns in games of different tasks, all with an empty scene and no message."""
-    games, rows = (
-        ObservedGames(Game(replace(settings, views="image", message_size={"proposer_0": 0, "verifier_0": 13})), count),
-        np.arange(count),
-    )
+    sizes = {"proposer_0": 0, "verifier_0": 13}
+    games, rows = ObservedGames(Game(replace(settings, views="image", message_size=sizes)), count), np.arange(count)
     games.start(rows, rows, np.zeros(count, np.int64))
     return BatchTurn(games, role, rows, rows, [np.random.default_rng(0)] * count)
 
@@ -107,14 +104,14 @@ def test_own_protocols_and_terms__train_and_play_by_name(tmp_path, monkeypatch):
     succeeds(f"train game TowerScratch --protocol claims --rewards '{rewards}' {small} --out", tmp_path)
     env = parallel_env(protocol="claims", rewards=json.loads(rewards), split="dev")
     agent = open_agent(tmp_path, "cpu")
-    assert measure(env, agent.partner(Role.PROPOSER), agent.partner(Role.VERIFIER), tasks=env.tasks.ids[:5]).games == 5
+    assert measure(env, *map(agent.partner, Role), tasks=env.tasks.ids[:5]).games == 5
 
 
 @pytest.mark.long
 def test_saved_agents__keep_their_views_and_play_in_games_with_others(tmp_path):
     agent = trained(tmp_path, GUIDED)
     assert agent.game.views_by_role() == GUIDED.views_by_role()
-    players = [agent.partner(role) for role in Role]
+    players = [*map(agent.partner, Role)]
     own, other = (
         parallel_env(protocol="critique", views=views, split="dev", message_size={"proposer_0": 0, "verifier_0": 13})
         for views in ("guide", "structured")
@@ -140,7 +137,7 @@ def test_train__networks_are_built_from_every_part_of_a_view(tmp_path):
     sizes = {"proposer_0": 2, "verifier_0": 3}
     settings = GameSettings(protocol="critique", views=views, message_size=sizes)
     agent = trained(tmp_path, settings)
-    players = [agent.partner(role) for role in Role]
+    players = [*map(agent.partner, Role)]
     env = parallel_env(protocol="critique", views=views, message_size=sizes, split="dev")
     assert measure(env, *players, tasks=env.tasks.ids[:5]).games == 5
     short = parallel_env(protocol="critique", message_size=sizes, split="dev")
@@ -201,22 +198,11 @@ def test_builder__learns_to_do_what_the_scripted_guide_says(tmp_path, three):
     assert silent < told - 0.2
 
 
-def test_messages__start_varied_and_depend_on_each_box(tmp_path):
-    run = GameRun(GUIDED, SMALL, tmp_path, steps=64, device="cpu")
-    network = run.networks["shared"]
-    first, weights = int(network._offsets[3]), network.context.weight.detach()
-    assert 0.7 < float(weights[first : first + 14].std()) < 1.3
-    assert float(weights[:first].std()) < 0.1
-    assert network.box_messages[Role.VERIFIER].weight.norm(dim=1).allclose(torch.ones(14))
-
-
 @pytest.mark.long
 def test_run__says_that_games_do_not_end_within_its_rollouts(tmp_path):
     said = []
-    recipe = replace(SMALL, envs=32)  # two turns
-    train_game(GameSettings(protocol="veto"), recipe, tmp_path, steps=128, device="cpu", say=said.append)
+    trained(tmp_path, GameSettings(protocol="veto"), replace(SMALL, envs=32), say=said.append)  # two turns
     (warning,) = [line for line in said if line.startswith("warning")]
     assert warning.startswith("warning: in a rollout of 2 turns, ")
     assert "games side by side do not end" in warning
-    line = json.loads((tmp_path / "progress.jsonl").read_text().splitlines()[0])
-    assert 0.1 < line["unfinished"] <= 1
+    assert 0.1 < read_json_lines(tmp_path / "progress.jsonl")[0]["unfinished"] <= 1

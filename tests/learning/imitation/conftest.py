@@ -3,6 +3,7 @@
 import pytest
 
 from lilgym_mp.corpus import write_corpus
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE, entry
 from tests.json_files import read_json_lines
@@ -49,6 +50,12 @@ def statements(tmp_path_factory):
     ]
     write_corpus(path, "our own statements", "as this package", entries)
     return str(path)
+
+
+@pytest.fixture
+def settings(statements):
+    """Settings of that corpus."""
+    return Settings("TowerFlipIt", corpus=statements)
 
 
 def small_recipe(settings, **changes):

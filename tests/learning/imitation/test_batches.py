@@ -1,6 +1,7 @@
 """Data collection and batches: labels, and colours permuted consistently in words, scenes and actions."""
 
 import numpy as np
+import pytest
 import torch
 
 from lilgym_mp.corpus import load_tasks
@@ -18,11 +19,15 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.scene.appearances import Tower
 from lilgym_mp.solver import Solver
+from tests.scenes import scene as tower_scene
+from tests.scenes import tower
 
 
-def collected(corpus):
+@pytest.fixture(scope="module")
+def collected(statements):
+    """The entries of the corpus with labelled scenes, and their boxes."""
     table = BoxFeatureTable()
-    entries = entries_from_tasks(load_tasks(corpus, "tower", "flipit", "train"))
+    entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
     collector = DataCollector(make_dynamics(Tower()), table, np.random.default_rng(0))
     for entry in entries:
         collector.collect(entry, 4, 8, [])
@@ -30,8 +35,8 @@ def collected(corpus):
     return entries, table
 
 
-def test_explorer__labels_are_those_of_the_program_and_the_expert(statements):
-    entries, table = collected(statements)
+def test_explorer__labels_are_those_of_the_program_and_the_expert(collected):
+    entries, table = collected
     solver, heads = Solver(make_dynamics(Tower())), action_heads(Tower())
     for entry in entries:
         assert len(entry.with_actions) >= 4
@@ -45,8 +50,8 @@ def test_explorer__labels_are_those_of_the_program_and_the_expert(statements):
                 assert steps == found.steps
 
 
-def test_batch__labels_hold_after_recolouring(statements):
-    entries, table = collected(statements)
+def test_batch__labels_hold_after_recolouring(collected):
+    entries, table = collected
     vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
     heads = action_heads(Tower())
     tokenizer = StatementTokenizer(vocabulary)
@@ -79,17 +84,9 @@ def test_batch__labels_hold_after_recolouring(statements):
 
 def shown(inputs, row, places):
     """The Tower scene encoded in the inputs."""
-    from lilgym_mp.scene.appearances.tower.geometry import tower_tables
-
-    tables = tower_tables()
-    boxes = []
-    for place in places:
-        held = inputs.by_box[row, place]
-        every = inputs.colours.flatten()
-        colours = every[held[held < len(every)]].tolist()
-        padded = [*colours, *[-1] * (4 - len(colours))]
-        boxes.append(tables.boxes[int(np.flatnonzero((tables.colours == padded).all(1))[0])])
-    return Scene((boxes[0], boxes[1], boxes[2]))
+    every = inputs.colours.flatten()
+    boxes = (inputs.by_box[row, place] for place in places)
+    return tower_scene(*(tower(*map(Colour, every[box[box < len(every)]].tolist())) for box in boxes))
 
 
 def test_vocabulary__drops_likely_misspellings_from_large_corpora():
@@ -98,7 +95,5 @@ def test_vocabulary__drops_likely_misspellings_from_large_corpora():
     many = vocabulary_of(statements + ["three blue blocks"] * 100)
     assert "blue" in many.words
     assert "bleu" not in many.words
-    assert (
-        StatementTokenizer(many).encode("bleu blocks").tolist()
-        == StatementTokenizer(many).encode("blue blocks").tolist()
-    )
+    read, meant = map(StatementTokenizer(many).encode, ("bleu blocks", "blue blocks"))
+    assert read.tolist() == meant.tolist()

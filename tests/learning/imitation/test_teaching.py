@@ -6,7 +6,6 @@ import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import State, make_dynamics
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.teaching import first_edits
@@ -21,16 +20,14 @@ from tests.learning.imitation.conftest import small_recipe
 from tests.learning.reward_model import conftest as reward_model
 
 
-def teacher_of(updates, statements, out, name="TowerFlipIt"):
-    settings = Settings(name, corpus=statements)
+def teacher_of(updates, settings, out):
     train_reward_model(settings, reward_model.small_recipe(settings), out, updates=updates)
     return out
 
 
 @pytest.mark.long
-def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(statements, tmp_path):
-    teacher = teacher_of(150, statements, tmp_path / "teacher")
-    settings = Settings("TowerFlipIt", corpus=statements)
+def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(settings, tmp_path):
+    teacher = teacher_of(150, settings, tmp_path / "teacher")
     with counted_stops() as stops:
         recipe = small_recipe(settings, own_states=0.0)
         agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
@@ -42,9 +39,10 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
 
 
 @pytest.mark.long
-def test_taught_network__learns_legal_edits_first_and_once(statements, tmp_path, monkeypatch):
-    settings, updates = Settings("ScatterFlipIt", corpus=statements), list[int]()
-    teacher = teacher_of(2, statements, tmp_path / "teacher", "ScatterFlipIt")
+def test_taught_network__learns_legal_edits_first_and_once(settings, tmp_path, monkeypatch):
+    updates = []
+    settings = replace(settings, configuration="ScatterFlipIt")
+    teacher = teacher_of(2, settings, tmp_path / "teacher")
     monkeypatch.setattr(training, "pretrain_geometry", lambda *arguments: updates.append(arguments[2]))
     recipe = small_recipe(settings, pretraining=0.25)
     for budget, resume in ((4, False), (6, True)):
@@ -52,7 +50,6 @@ def test_taught_network__learns_legal_edits_first_and_once(statements, tmp_path,
     assert updates == [4]
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance):
     dynamics = make_dynamics(make_appearance(appearance))
     solver = Solver(dynamics)
@@ -74,9 +71,8 @@ def test_first_edits__leave_out_what_must_come_later():
     assert len(first_edits(dynamics, Scene.empty(), [blue, other])) == 6
 
 
-def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements, tmp_path):
-    teacher = teacher_of(2, statements, tmp_path / "teacher")
-    settings = Settings("TowerFlipIt", corpus=statements)
+def test_teacher__must_be_a_reward_model_that_plays_the_configuration(settings, tmp_path):
+    teacher = teacher_of(2, settings, tmp_path / "teacher")
     train_imitation(settings, small_recipe(settings), tmp_path / "other", updates=1)
     with pytest.raises(AgentError, match="other: a teacher must be a run of reward-model, not of imitation"):
         train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=1, teacher=tmp_path / "other")

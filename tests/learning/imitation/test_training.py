@@ -1,12 +1,13 @@
 """Imitation runs: training, resuming, saving and loading."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.evaluation import Observations, Settings, evaluate
+from lilgym_mp.evaluation import Observations, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.model_file import precision
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
@@ -19,24 +20,21 @@ from lilgym_mp.scene.render import draw
 from tests.learning.conftest import accuracy, equal
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
-UPDATES = 110
 
-
-def train(statements, name, out, updates=UPDATES, **changes):
-    settings = Settings(name, corpus=statements)
-    return train_imitation(settings, small_recipe(settings, **changes), out, updates=updates), settings
+def train(settings, out, updates=110):
+    return train_imitation(settings, small_recipe(settings), out, updates=updates)
 
 
 @pytest.mark.long
-def test_training__solves_three_statements_in_seconds(statements, tmp_path):
-    agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
+def test_training__solves_three_statements_in_seconds(settings, tmp_path):
+    agent = train(settings, tmp_path)
     assert accuracy(agent, settings) == 1
-    assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
+    assert progress_lines(tmp_path)[-1]["truth_accuracy"] > 0.85
 
 
 @pytest.mark.long
-def test_resume__continues_interrupted_pretraining(statements, tmp_path, monkeypatch):
-    settings = Settings("ScatterFlipIt", corpus=statements)
+def test_resume__continues_interrupted_pretraining(settings, tmp_path, monkeypatch):
+    settings = replace(settings, configuration="ScatterFlipIt")
     recipe = small_recipe(settings, pretraining=0.4)
     learnt = []
     step = TextPretraining.step
@@ -49,14 +47,14 @@ def test_resume__continues_interrupted_pretraining(statements, tmp_path, monkeyp
 
     monkeypatch.setattr(TextPretraining, "step", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train_imitation(settings, recipe, tmp_path / "run", updates=40)
-    agent = train_imitation(settings, recipe, tmp_path / "run", updates=40, resume=True)
+        train_imitation(settings, recipe, tmp_path, updates=40)
+    agent = train_imitation(settings, recipe, tmp_path, updates=40, resume=True)
     assert learnt[8:] == pytest.approx([place / 16 for place in range(8, 16)])
     assert agent.description.details["updates"] == 40
 
 
 @pytest.mark.long
-def test_training__with_random_labels_learns_nothing(statements, tmp_path, monkeypatch):
+def test_training__with_random_labels_learns_nothing(settings, tmp_path, monkeypatch):
     add = DataCollector.add
 
     def shuffled(collector, entry, scene, *, solve):
@@ -69,23 +67,22 @@ def test_training__with_random_labels_learns_nothing(statements, tmp_path, monke
         return index
 
     monkeypatch.setattr(DataCollector, "add", shuffled)
-    agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
-    assert accuracy(agent, settings) < 0.7
+    assert accuracy(train(settings, tmp_path), settings) < 0.7
 
 
 @pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
-def test_training__saved_agent_plays_like_the_trained_one_and_equal_seeds_give_equal_agents(name, statements, tmp_path):
-    agent, settings = train(statements, name, tmp_path / "run", updates=4)
+def test_training__saved_agent_plays_like_the_trained_one_and_equal_seeds_give_equal_agents(name, settings, tmp_path):
+    settings = replace(settings, configuration=name)
+    agent = train(settings, tmp_path / "run", 4)
     loaded = open_agent(tmp_path / "run", "cpu")
     assert loaded.description == agent.description
     assert evaluate(loaded.policy(settings), settings, "dev") == evaluate(agent.policy(settings), settings, "dev")
-    train(statements, name, tmp_path / "again", updates=4)
+    train(settings, tmp_path / "again", 4)
     assert equal(tmp_path / "run", tmp_path / "again")
 
 
 @pytest.mark.long
-def test_resume__continues_a_killed_run(statements, tmp_path):
-    settings = Settings("TowerFlipIt", corpus=statements)
+def test_resume__continues_a_killed_run(settings, tmp_path):
     recipe = small_recipe(settings)
 
     def killed(progress):
@@ -102,8 +99,7 @@ def test_resume__continues_a_killed_run(statements, tmp_path):
 
 
 @pytest.mark.long
-def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(statements, tmp_path, monkeypatch):
-    settings = Settings("TowerFlipIt", corpus=statements)
+def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rates(settings, tmp_path, monkeypatch):
     recipe = small_recipe(settings, pretraining=0.5)
     train_imitation(settings, recipe, tmp_path, updates=4)
     rates = []
@@ -114,13 +110,15 @@ def test_resume__with_more_updates_neither_pretrains_again_nor_has_negative_rate
     assert min(rates) >= 0
 
 
-def test_policy__handles_unknown_empty_and_very_long_statements(statements, tmp_path):
-    agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
-    said = ("", "zxqv", "blue " * 10_000)
-    images = np.stack([draw(Scene.empty(), "half")] * 3)
-    seen = Observations(images, said, np.ones(3, np.int64), np.zeros(3, np.int64), np.arange(3))
-    chosen = agent.policy(settings)(seen, np.zeros((3, 0), np.bool_), np.random.default_rng(0))
-    assert ((chosen >= 0) & (chosen < 13)).all()
+def test_policy__handles_odd_statements_and_stops_where_it_cannot_read_the_image(settings, tmp_path):
+    agent = train(settings, tmp_path, 1)
+    said = ("", "zxqv", "blue " * 10_000, "blue")
+    images = np.stack([draw(Scene.empty(), "half")] * 4)
+    images[3] = 7
+    seen = Observations(images, said, np.ones(4, np.int64), np.zeros(4, np.int64), np.arange(4))
+    chosen = agent.policy(settings)(seen, np.zeros((4, 0), np.bool_), np.random.default_rng(0))
+    assert all(0 < action < 13 for action in chosen[:3])
+    assert chosen[3] == 0
 
 
 @pytest.mark.parametrize(("capability", "dtype"), [("AVX512", torch.bfloat16), ("AVX2", torch.float32)])

@@ -1,12 +1,10 @@
 """The parser and its agent: normalisation, decoding, training, planning and invalid input."""
 
-import dataclasses
 import math
 import random
 import signal
-import subprocess
-import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +52,11 @@ from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Stop
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
-from tests.corpora import entry, write_own_corpus
+from tests.command_line import python
+from tests.corpora import entry
 from tests.learning.conftest import accuracy, equal
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
@@ -66,7 +66,6 @@ SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generat
 @pytest.fixture(scope="module")
 def trained(own, tmp_path_factory):
     """A run of very few training steps."""
-    torch.set_num_threads(1)
     place = tmp_path_factory.mktemp("parser") / "run"
     train_parser(own, SMALL, place, device="cpu")
     return place
@@ -161,12 +160,12 @@ def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(shares
     assert {one.program for one in candidates} == {source_of(forms[source]) for source in kept}
 
 
-LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
+LEARNING = replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
 
 
 @pytest.mark.long
 def test_training__solves_a_small_corpus(own, tmp_path):
-    agent = train_parser(own, LEARNING, tmp_path / "run", device="cpu")
+    agent = train_parser(own, LEARNING, tmp_path, device="cpu")
     assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") == 1.0
 
 
@@ -179,14 +178,14 @@ def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(own, tmp
         for example, program in zip(examples, programs[1:] + programs[:1], strict=True)
     ]
     monkeypatch.setattr(training, "corpus_examples", lambda corpus: wrong)
-    agent = train_parser(own, LEARNING, tmp_path / "shuffled", device="cpu")
+    agent = train_parser(own, LEARNING, tmp_path, device="cpu")
     assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") < 0.7
 
 
 @pytest.mark.long
 def test_training__is_reproducible_by_seed(own, tmp_path):
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
-        train_parser(own, dataclasses.replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
+        train_parser(own, replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
     assert equal(tmp_path / "one", tmp_path / "two")
     assert not equal(tmp_path / "one", tmp_path / "three")
 
@@ -204,7 +203,7 @@ def test_calibration__is_of_the_probabilities_of_the_agent(own, tmp_path, monkey
 
 @pytest.mark.long
 def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
-    recipe = dataclasses.replace(SMALL, updates=16)
+    recipe = replace(SMALL, updates=16)
     steps = []
 
     def interrupt(progress):
@@ -215,19 +214,17 @@ def test_resume__continues_from_the_last_checkpoint(own, tmp_path, monkeypatch):
     monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
     monkeypatch.setattr("lilgym_mp.learning.common.run.SAVE_SECONDS", 0.0)
     with pytest.raises(KeyboardInterrupt):
-        train_parser(own, recipe, tmp_path / "run", on_progress=interrupt, device="cpu")
-    assert not (tmp_path / "run" / AGENT_FILE).exists()
-    train_parser(
-        own, recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
-    )
+        train_parser(own, recipe, tmp_path, on_progress=interrupt, device="cpu")
+    assert not (tmp_path / AGENT_FILE).exists()
+    train_parser(own, recipe, tmp_path, resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu")
     assert (steps[0], steps[-1]) == (11, 16)
-    assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
+    assert open_agent(tmp_path, "cpu").description.kind == "parse-and-plan"
 
 
 @pytest.mark.long
 def test_training__drops_generated_statements_that_are_held_out(monkeypatch):
     first = next(training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
-    recipe = dataclasses.replace(SMALL, held_out=0)
+    recipe = replace(SMALL, held_out=0)
     before = training.load_training_data("builtin", recipe)
     shipped = training.held_out_digests("builtin")
     monkeypatch.setattr(training, "held_out_digests", lambda corpus: shipped | {statement_digest(first.statement)})
@@ -237,6 +234,11 @@ def test_training__drops_generated_statements_that_are_held_out(monkeypatch):
 
 
 # The agent
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_agent("parse-and-plan", "cpu")
 
 
 class Oracle(Parser):
@@ -255,53 +257,55 @@ BLACK = "exist(filter_obj(all_items, lambda x: is_black(x)))"
 EMPTY = "not exist(all_items)"
 
 
+NOTHING = Scene.empty()
+
+
 def planner(*candidates, configuration="TowerScratch"):
     settings = Settings(configuration)
     return ProgramPlanner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit")
 
 
-def empty_tower():
-    return Settings("TowerScratch").dynamics().appearance.check_scene(Scene.empty())
+def planned(*candidates, steps=0, **configuration):
+    """The plan from the empty scene after some steps."""
+    return planner(*candidates, **configuration).plan(NOTHING, "any", True, steps)
 
 
 def test_planner__plan_for_one_candidate_is_as_short_as_the_experts():
     chosen = planner((BLUE, 1.0))
-    plan = chosen.plan(empty_tower(), "any", True)
-    expert = Solver(chosen.dynamics).solve(Task("t", "any", BLUE, True, empty_tower()))
+    plan = chosen.plan(NOTHING, "any", True)
+    expert = Solver(chosen.dynamics).solve(Task("t", "any", BLUE, True, NOTHING))
     assert len(plan.actions) == expert.steps
     assert plan.success_probability == pytest.approx(1.0, abs=0.01)
 
 
 def test_planner__satisfies_several_candidates_at_once_if_possible():
-    both = planner((BLUE, 0.6), (BLACK, 0.4)).plan(empty_tower(), "any", True)
+    both = planned((BLUE, 0.6), (BLACK, 0.4))
     assert (len(both.actions), both.satisfied) == (3, (0, 1))
 
 
 @pytest.mark.parametrize(("likely", "actions"), [(0.999, 2), (0.6, 3)])
 def test_planner__a_short_plan_has_actions_for_other_candidates_only_if_they_are_likely(likely, actions):
     chosen = planner((BLUE, likely), (BLACK, 1 - likely))
-    assert len(chosen.plan(empty_tower(), "any", True).actions) == 3
-    short = chosen.short_plan(empty_tower(), "any", True)
+    assert len(chosen.plan(NOTHING, "any", True).actions) == 3
+    short = chosen.short_plan(NOTHING, "any", True)
     assert (len(short.actions), short.satisfied[0]) == (actions, 0)
 
 
 def test_planner__prefers_the_more_probable_of_conflicting_candidates():
-    plan = planner((BLUE, 0.6), (f"not {BLUE}", 0.4)).plan(empty_tower(), "any", True)
+    plan = planned((BLUE, 0.6), (f"not {BLUE}", 0.4))
     assert plan.satisfied == (0,)
     assert plan.success_probability == pytest.approx(0.6 / (0.6 + 0.04))
 
 
 def test_planner__drops_programs_satisfied_by_a_flipit_start():
-    plan = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True)
+    plan, later = (planned((EMPTY, 0.9), (BLUE, 0.1), steps=steps, configuration="TowerFlipIt") for steps in (0, 3))
     assert [goal.program for goal in plan.goals] == [BLUE]
-    later = planner((EMPTY, 0.9), (BLUE, 0.1), configuration="TowerFlipIt").plan(empty_tower(), "any", True, steps=3)
     assert later.goals[0].program == EMPTY
 
 
 def test_planner__stops_without_candidates_or_remaining_steps():
-    assert planner().plan(empty_tower(), "any", True).actions[0].__class__.__name__ == "Stop"
-    last = planner((BLUE, 1.0)).plan(empty_tower(), "any", True, steps=11)
-    assert len(last.actions) == 1
+    assert planned().actions == (Stop(),)
+    assert planned((BLUE, 1.0), steps=11).actions == (Stop(),)
 
 
 def observed(image, statement, step=0):
@@ -332,7 +336,7 @@ def test_policy__replans_after_an_unexpected_image():
 def test_agent__plans_for_any_statement(trained, statement):
     agent = open_agent(trained, "cpu")
     chosen = agent.planner(Settings("TowerScratch"))
-    plan = chosen.plan(empty_tower(), statement, True)
+    plan = chosen.plan(NOTHING, statement, True)
     assert plan.actions
     assert bool(plan.parse.unknown) is not statement.startswith(("a ", "there"))
     lines = "\n".join(explanation_lines(plan, chosen, statement, True))
@@ -340,10 +344,9 @@ def test_agent__plans_for_any_statement(trained, statement):
 
 
 @pytest.mark.long
-def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse_less():
-    agent = open_agent(Path("parse-and-plan"), "cpu")
-    planner = agent.planner(Settings("TowerScratch"))
-    plan = planner.plan(empty_tower(), "There is a zorblax on a bloc.", True)
+def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse_less(shipped):
+    planner = shipped.planner(Settings("TowerScratch"))
+    plan = planner.plan(NOTHING, "There is a zorblax on a bloc.", True)
     assert (plan.parse.unknown, plan.parse.corrections) == (("zorblax",), {"bloc": "block"})
     assert sum(candidate.probability for candidate in plan.parse.candidates) == pytest.approx(UNKNOWN_FACTOR)
     assert sum(plan.probabilities().values()) <= UNKNOWN_FACTOR + 1e-9
@@ -351,7 +354,7 @@ def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse
     notes = ("read 'bloc' as 'block'", "unknown, 1 of 7 words: 'zorblax'")
     assert tuple(plan.parse.notes()) == notes
     policy, nothing = PlanPolicy(planner), np.zeros((1, 0), bool)
-    seen = observed(draw(empty_tower(), "half"), "There is a zorblax on a bloc.")
+    seen = observed(draw(NOTHING, "half"), "There is a zorblax on a bloc.")
     chosen = policy(seen, nothing, np.random.default_rng(0))
     assert policy.output(nothing, chosen).notes == [notes]
 
@@ -361,66 +364,64 @@ NO_BLUE = "not exist(filter_obj(all_items, lambda x: is_blue(x)))"
 
 @pytest.mark.parametrize(
     ("statement", "program"),
-    [
-        ("There isn't a blue block.", NO_BLUE),
-        ("A blue block does not exist.", NO_BLUE),
-        ("There are \uff13 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
-        ("There are \u0663 blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) == 3"),
-        ("There are exactly zero blue blocks.", NO_BLUE),
-        ("There are \u06f0 blue blocks.", NO_BLUE),
-        ("There is less than one blue block.", NO_BLUE),
-        ("There are no fewer than three blue blocks.", "count(filter_obj(all_items, lambda x: is_blue(x))) >= 3"),
-        ("The left box is empty.", "not exist(all_boxes[0])"),
-    ],
+    {
+        "There isn't a blue block.": NO_BLUE,
+        "A blue block does not exist.": NO_BLUE,
+        "There are \uff13 blue blocks.": "count(filter_obj(all_items, lambda x: is_blue(x))) == 3",
+        "There are \u0663 blue blocks.": "count(filter_obj(all_items, lambda x: is_blue(x))) == 3",
+        "There are exactly zero blue blocks.": NO_BLUE,
+        "There are \u06f0 blue blocks.": NO_BLUE,
+        "There is less than one blue block.": NO_BLUE,
+        "There are no fewer than three blue blocks.": "count(filter_obj(all_items, lambda x: is_blue(x))) >= 3",
+        "The left box is empty.": "not exist(all_boxes[0])",
+    }.items(),
 )
-def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(statement, program):
-    found = load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower")
+def test_shipped_agent__reads_ways_to_say_no_and_digits_of_any_script(shipped, statement, program):
+    found = shipped.parser.parse(statement, "tower")
     assert (found.candidates[0].program, found.uncertain) == (program, ())
 
 
+DOUBTS = {
+    "scatter": {
+        "An even number of circles touch the wall.": "does not express 'even'",
+        "There is a big black circle and it is bigger than the black square.": "does not express 'bigger'",
+        "All circles don't touch a black circle, and none is blue.": "does not express 'not' and 'none'",
+        "There is a blue circle and there isn't a blue circle.": "is false in every scene",
+        "There are 1,000 black circles.": "'1,000' cannot be read",
+        "There are more than \u22121 black circles.": "'\u22121' cannot be read",
+        "There are \u2462 black circles.": "'\u2462' cannot be read",
+        "There are 1 000 black circles.": "'1 000' cannot be read",
+        "There are no more than 0 circles.": "does not express 'no more than 0'",
+        "There is never a blue circle.": "unknown, 1 of 6 words: 'never'",
+        "Zorbl, every circle is blue": "words: 'zorbl'",
+        "≥ 3 circles": "words: '≥'",
+        "There is a blök.": "words: 'blök'",
+        "The asdf qwerty.": "nothing was understood",
+        "It is there.": "nothing was understood",
+        "": "nothing was understood",
+    },
+    "tower": {
+        "Fewer than two blocks are blue.": "does not express 'fewer than 2'",
+        "The left box doesn't hold more than two blocks.": "does not express 'more than 2'",
+        "The left box is not empty.": "does not express 'not' and 'empty'",
+        "No box is empty.": "does not express 'no' and 'empty'",
+    },
+}
+
+
 @pytest.mark.parametrize(
-    ("statement", "doubt"),
-    [
-        ("An even number of circles touch the wall.", "does not express 'even'"),
-        ("There is a big black circle and it is bigger than the black square.", "does not express 'bigger'"),
-        ("All circles don't touch a black circle, and none is blue.", "does not express 'not' and 'none'"),
-        ("There is a blue circle and there isn't a blue circle.", "is false in every scene"),
-        ("There are 1,000 black circles.", "'1,000' cannot be read"),
-        ("There are more than \u22121 black circles.", "'\u22121' cannot be read"),
-        ("There are \u2462 black circles.", "'\u2462' cannot be read"),
-        ("There are 1 000 black circles.", "'1 000' cannot be read"),
-        ("There are no more than 0 circles.", "does not express 'no more than 0'"),
-        ("There is never a blue circle.", "unknown, 1 of 6 words: 'never'"),
-        ("Zorbl, every circle is blue", "words: 'zorbl'"),
-        ("≥ 3 circles", "words: '≥'"),
-        ("There is a blök.", "words: 'blök'"),
-        ("The asdf qwerty.", "nothing was understood"),
-        ("It is there.", "nothing was understood"),
-        ("", "nothing was understood"),
-    ],
+    ("appearance", "statement", "doubt"),
+    [(appearance, *row) for appearance, rows in DOUBTS.items() for row in rows.items()],
 )
-def test_shipped_agent__says_why_its_reading_is_uncertain(statement, doubt):
-    found = load_agent("parse-and-plan", "cpu").parser.parse(statement, "scatter")
+def test_shipped_agent__says_why_its_reading_is_uncertain(shipped, appearance, statement, doubt):
+    found = shipped.parser.parse(statement, appearance)
     assert doubt in " | ".join(found.uncertain)
     assert all(isinstance(note, str) for note in found.notes())
 
 
 @pytest.mark.parametrize("statement", ["There are exactly two towers.", "There is a tower with a blue block on top."])
-def test_shipped_agent__is_sure_of_plain_statements(statement):
-    assert load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower").uncertain == ()
-
-
-@pytest.mark.parametrize(
-    ("statement", "doubt"),
-    [
-        ("Fewer than two blocks are blue.", "does not express 'fewer than 2'"),
-        ("The left box doesn't hold more than two blocks.", "does not express 'more than 2'"),
-        ("The left box is not empty.", "does not express 'not' and 'empty'"),
-        ("No box is empty.", "does not express 'no' and 'empty'"),
-    ],
-)
-def test_shipped_agent__says_that_a_limit_or_a_second_negation_was_not_read(statement, doubt):
-    assert doubt in " | ".join(load_agent("parse-and-plan", "cpu").parser.parse(statement, "tower").uncertain)
+def test_shipped_agent__is_sure_of_plain_statements(shipped, statement):
+    assert shipped.parser.parse(statement, "tower").uncertain == ()
 
 
 TWO_OR_LESS = "count(filter_obj(all_items, lambda x: is_blue(x))) <= 2"
@@ -428,16 +429,16 @@ TWO_OR_LESS = "count(filter_obj(all_items, lambda x: is_blue(x))) <= 2"
 
 @pytest.mark.parametrize(
     ("statement", "is_doubted"),
-    [
-        ("at most 2", False),
-        ("fewer than 3", False),
-        ("no more than 2", False),
-        ("not more than 2", False),
-        ("fewer than 2", True),
-        ("no fewer than 3", True),
-        ("at least 2", True),
-        ("more than 1", True),
-    ],
+    {
+        "at most 2": False,
+        "fewer than 3": False,
+        "no more than 2": False,
+        "not more than 2": False,
+        "fewer than 2": True,
+        "no fewer than 3": True,
+        "at least 2": True,
+        "more than 1": True,
+    }.items(),
 )
 def test_doubts__compare_the_limits_of_the_statement_and_the_program(statement, is_doubted):
     assert any(doubts(statement, statement.split(), [(TWO_OR_LESS, 1.0)], (True, False))) == is_doubted
@@ -449,14 +450,13 @@ def test_doubts__of_no_reading_and_a_close_rival():
     assert rival == "another reading is nearly as likely: is_black"
 
 
-def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse():
-    agent = open_agent(Path("parse-and-plan"), "cpu")
+def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse(shipped):
     written = (
         "every tower has a yellow base",
         "Every tower has a yellow base!",
         "Look, every tower has a yellow base!",
     )
-    parses = [agent.parser.parse(statement, "tower") for statement in written]
+    parses = [shipped.parser.parse(statement, "tower") for statement in written]
     assert len({(parse.words, parse.candidates) for parse in parses}) == 1
 
 
@@ -478,7 +478,7 @@ def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
         print(len(TOKENS))
     """
     before, after = (
-        subprocess.check_output([sys.executable, "-c", "\n".join(map(textwrap.dedent, parts))], text=True).splitlines()
+        python("-c", "\n".join(map(textwrap.dedent, parts))).stdout.splitlines()
         for parts in ([parse], [new_word, parse])
     )
     assert after[0] == before[0]
@@ -492,11 +492,11 @@ def test_parser__rejects_tokens_that_the_language_lacks(trained):
         Parser.of({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
 
 
-def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path):
-    whole = write_own_corpus(tmp_path / "own.jsonl").read_text().splitlines(keepends=True)
+def test_agent__plays_only_the_appearances_of_its_corpus(own, tmp_path):
+    whole = Path(own).read_text().splitlines(keepends=True)
     tower = tmp_path / "tower.jsonl"
     tower.write_text("".join(line for line in whole if '"scatter"' not in line))
-    train_parser(str(tower), dataclasses.replace(SMALL, updates=2), tmp_path / "run", device="cpu")
+    train_parser(str(tower), replace(SMALL, updates=2), tmp_path / "run", device="cpu")
     agent = open_agent(tmp_path / "run", "cpu")
     with pytest.raises(AgentError, match="does not play ScatterScratch; it plays Tower"):
         agent.policy(Settings("ScatterScratch"))
@@ -515,13 +515,12 @@ def test_calibration__fits_the_success_rates():
 
 
 def test_parse_scores__count_exact_forms_and_equal_truth_by_form_and_level(tmp_path):
-    exists = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
     same = "count(filter_obj(all_items, lambda x: is_blue(x))) >= 1"
     two = "count(filter_obj(all_items, lambda x: is_blue(x))) == 2"
     in_a_box = "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x)))))"
     entries = [
-        entry("0", "tower", "train", "There is a blue block.", exists),
-        entry("1", "tower", "dev", "There is a black block.", exists),
+        entry("0", "tower", "train", "There is a blue block.", BLUE),
+        entry("1", "tower", "dev", "There is a black block.", BLUE),
         entry("2", "tower", "dev", "Some block is blue.", in_a_box),
         entry("3", "tower", "dev", "Two blocks are blue.", two),
     ]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from torch.testing import assert_close
 
 from lilgym_mp.learning.common.factored_policy import (
     CHUNK,
@@ -15,12 +16,9 @@ from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Scatter, Tower
 
 STATES = 3
-MAKERS = [slot_factorisation, joint_factorisation]
-APPEARANCES = [Tower(), Scatter()]
+NAMED = {"tower": Tower(), "scatter": Scatter(), "slot": slot_factorisation, "joint": joint_factorisation}
 EACH = pytest.mark.parametrize(
-    ("appearance", "make"),
-    [(appearance, make) for appearance in APPEARANCES for make in MAKERS],
-    ids=lambda value: getattr(value, "name", getattr(value, "__name__", "")),
+    ("appearance", "make"), [(NAMED[name], NAMED[form]) for name in ("tower", "scatter") for form in ("slot", "joint")]
 )
 
 
@@ -31,10 +29,6 @@ def logits(factorisation, seed=0):
         torch.randn(STATES, size, generator=generator, dtype=torch.float64, requires_grad=True) for size in sizes
     )
     return types, heads
-
-
-def entropies_of(policy):
-    return policy.evaluate_actions(torch.zeros(STATES, dtype=torch.int64))[1]
 
 
 def gradients(values, *parameters):
@@ -69,7 +63,6 @@ scatter joint 0 -1 -1 -1 -1 -1 |
 scatter joint 1 8 3 2 1 0      | 0:1128
 scatter joint 2 18 4 -1 -1 -1  | 1:74
 """
-NAMED = {"tower": Tower(), "scatter": Scatter(), "slot": slot_factorisation, "joint": joint_factorisation}
 
 
 @pytest.mark.parametrize("line", EXAMPLES.strip().splitlines())
@@ -81,7 +74,7 @@ def test_policy__the_probability_of_an_action_is_that_of_its_type_times_those_of
     for head, choice in (map(int, each.split(":")) for each in choices):
         wanted = wanted * heads[head].softmax(1)[:, choice]
     index = NAMED[name].encode(NAMED[name].from_array(array))
-    torch.testing.assert_close(enumerated(factorisation, types, heads)[:, index], wanted)
+    assert_close(enumerated(factorisation, types, heads)[:, index], wanted)
 
 
 @EACH
@@ -90,17 +83,17 @@ def test_policy__probabilities_entropy_and_gradients_match_enumeration(appearanc
     types, heads = logits(factorisation)
     every = enumerated(factorisation, types, heads)
     assert every.shape == (STATES, {"tower": 13, "scatter": 2661}[appearance.name])
-    torch.testing.assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
+    assert_close(every.sum(1), torch.ones(STATES, dtype=torch.float64))
     policy = FactoredPolicy(factorisation, types, heads)
     rng = np.random.default_rng(1)
     possible = np.flatnonzero(every[0].detach().numpy() > 0)
     actions = torch.from_numpy(np.array([0, *rng.choice(possible, STATES - 1)]))
     log_probabilities = every.gather(1, actions[:, None]).squeeze(1).log()
     entropies = -(every * every.clamp(min=1e-300).log()).sum(1)
-    torch.testing.assert_close(policy.log_prob(actions), log_probabilities)
+    assert_close(policy.log_prob(actions), log_probabilities)
     for found, wanted in zip(policy.evaluate_actions(actions), (log_probabilities, entropies), strict=True):
-        torch.testing.assert_close(found, wanted)
-        torch.testing.assert_close(gradients(found, types, *heads), gradients(wanted, types, *heads))
+        assert_close(found, wanted)
+        assert_close(gradients(found, types, *heads), gradients(wanted, types, *heads))
 
 
 def test_log_prob_and_entropy__match_autograd_over_several_chunks():
@@ -110,8 +103,8 @@ def test_log_prob_and_entropy__match_autograd_over_several_chunks():
     logs = logits.log_softmax(1)
     wanted = logs.gather(1, choices[:, None]).squeeze(1), -(logs.exp() * logs).sum(1)
     for one, other in zip(log_prob_and_entropy(logits, choices), wanted, strict=True):
-        torch.testing.assert_close(one, other)
-        torch.testing.assert_close(gradients(one, logits), gradients(other, logits))
+        assert_close(one, other)
+        assert_close(gradients(one, logits), gradients(other, logits))
 
 
 @EACH
@@ -124,9 +117,9 @@ def test_mask__renormalises_over_legal_actions(appearance, make):
     policy = FactoredPolicy(factorisation, types, heads, legal)
     wanted = every * legal / (every * legal).sum(1, keepdim=True)
     actions = torch.zeros(STATES, dtype=torch.int64)
-    torch.testing.assert_close(policy.log_prob(actions).exp(), wanted[:, 0])
-    torch.testing.assert_close(policy.stop_probability(), wanted[:, 0])
-    torch.testing.assert_close(entropies_of(policy), -(wanted * wanted.clamp(min=1e-300).log()).sum(1))
+    assert_close(policy.log_prob(actions).exp(), wanted[:, 0])
+    assert_close(policy.stop_probability(), wanted[:, 0])
+    assert_close(policy.evaluate_actions(actions)[1], -(wanted * wanted.clamp(min=1e-300).log()).sum(1))
     assert legal[torch.arange(STATES), torch.from_numpy(policy.sample(np.random.default_rng(3)))].all()
     assert (torch.from_numpy(policy.greedy()) == wanted.argmax(1)).all()
 

@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ from lilgym_mp.learning.ppo.pretrained import C3, C10, ConvolutionsAndBert, scen
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 
+assert_close = partial(torch.testing.assert_close, atol=1e-5, rtol=1e-4)
 STATEMENTS = ("There is a blue block.", "All of it is black.", "Two towers.")
 
 
@@ -60,18 +62,14 @@ def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours):
     with torch.no_grad():
         ours(first.states(STATEMENTS, states.statement_of[:5], first.indices(images[:5]), states.targets[:5]))
         remembered = ours(states)
-    torch.testing.assert_close(remembered.values, ours(states).values, atol=1e-5, rtol=1e-4)
+    assert_close(remembered.values, ours(states).values)
     with torch.no_grad():
         for weight in ours.boxes.parameters():
             weight.mul_(1.5)
         ours.clear_cache()
-        torch.testing.assert_close(ours(states).values, _with_gradients(ours, states), atol=1e-5, rtol=1e-4)
-    assert not torch.allclose(remembered.values, ours(states).values, atol=1e-3)
-
-
-def _with_gradients(model, states):
-    with torch.enable_grad():
-        return model(states).values.detach()
+        renewed = ours(states)
+    assert_close(renewed.values, ours(states).values)
+    assert not torch.allclose(remembered.values, renewed.values, atol=1e-3)
 
 
 def flat(found):
@@ -87,7 +85,7 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours):
             table.states(STATEMENTS, states.statement_of[[row]], table.indices(images[[row]]), states.targets[[row]])
         )
         for one, all_of_it in zip(flat(alone), flat(together), strict=True):
-            torch.testing.assert_close(one[0], all_of_it[row], atol=1e-5, rtol=1e-4)
+            assert_close(one[0], all_of_it[row])
 
 
 @pytest.mark.parametrize(("appearance", "separators"), [(Tower(), False), (Scatter(), False), (Scatter(), True)])
@@ -146,7 +144,7 @@ def test_windows__give_the_features_and_gradients_of_whole_images(layers, config
             )
         assert len(found[0]) == 1 + len(list(model.convolutions.parameters()))
         for ours, theirs in zip(*found, strict=True):
-            torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-3)
+            assert_close(ours, theirs, rtol=1e-3)
 
 
 VOCABULARY = ["[PAD]", "[UNK]", "[CLS]", "[SEP]", "there", "is", "a", "blue", "block", "all", "true", "false", "."]
@@ -195,8 +193,15 @@ def tiny(tmp_path_factory):
     return places
 
 
-SHORT = {"envs": 2, "same_statement": 1, "rollout": 8, "batch_size": 8, "epochs": 1}
-SHORT |= {"held_out": 0.0, "patience": 0}
+SHORT = {
+    "envs": 2,
+    "same_statement": 1,
+    "rollout": 8,
+    "batch_size": 8,
+    "epochs": 1,
+    "held_out": 0.0,
+    "patience": 0,
+}
 
 
 @pytest.mark.parametrize(
@@ -249,7 +254,7 @@ def test_frozen_bert__averages_layers_and_word_pieces(tiny):
     with torch.no_grad():
         layers = network(torch.tensor([numbers]), output_hidden_states=True).hidden_states
     assert len(layers) == 3
-    torch.testing.assert_close(found[1], torch.stack(layers).mean(0)[0, 1], atol=1e-5, rtol=1e-4)
+    assert_close(found[1], torch.stack(layers).mean(0)[0, 1])
     assert not found.requires_grad
 
 
@@ -267,16 +272,16 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny):
 
 @pytest.mark.parametrize(
     ("damage", "fault"),
-    [
-        ("none", "needs pretrained weights: name a directory with --weights, of the architecture bert"),
-        ("nowhere", "not a directory of weights: it does not exist"),
-        ("other", r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert"),
-        ("bad config", r"config\.json: cannot be read"),
-        ("pickle", r"cannot be loaded: .*model\.safetensors"),
-        ("no tokenizer", "cannot be loaded"),
-        ("cut", "cannot be loaded|is damaged"),
-        ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
-    ],
+    {
+        "none": "needs pretrained weights: name a directory with --weights, of the architecture bert",
+        "nowhere": "not a directory of weights: it does not exist",
+        "other": r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert",
+        "bad config": r"config\.json: cannot be read",
+        "pickle": r"cannot be loaded: .*model\.safetensors",
+        "no tokenizer": "cannot be loaded",
+        "cut": "cannot be loaded|is damaged",
+        "few tensors": r"incomplete: \d+ tensors are missing, such as embeddings",
+    }.items(),
 )
 def test_weights__unusable_directories_are_rejected_with_the_reason(tmp_path, tiny, damage, fault):
     from safetensors.torch import save_file

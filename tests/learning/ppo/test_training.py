@@ -1,9 +1,7 @@
 """PPO runs: training, saving, resuming, validation, tasks and invalid input."""
 
 import json
-import os
 import shutil
-import signal
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from statistics import fmean
@@ -31,7 +29,7 @@ from lilgym_mp.scene.appearances import Tower
 from tests.corpora import write_own_corpus, write_three_statements
 from tests.json_files import read_json, read_json_lines
 from tests.learning.conftest import SMALL_PPO as SMALL
-from tests.learning.conftest import equal, weights
+from tests.learning.conftest import equal, interrupt_at_64_steps, weights
 
 TOWER = Settings("TowerScratch")
 
@@ -54,6 +52,11 @@ def begun_run(tmp_path_factory):
 def begun(begun_run, tmp_path):
     """A copy of that run."""
     return shutil.copytree(begun_run, tmp_path / "run")
+
+
+@pytest.fixture
+def flipit(own):
+    return Settings("TowerFlipIt", corpus=own)
 
 
 # Learning
@@ -131,20 +134,14 @@ def test_resume__of_a_finished_run_says_that_the_learning_rate_rises_again(begun
     ],
 )
 @pytest.mark.long
-def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, own, changes):
+def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path, flipit, changes):
     recipe = replace(SMALL, validate_every=32, **changes)
-    settings = Settings("TowerFlipIt", corpus=own)
-    trained(tmp_path / "whole", 128, recipe, settings)
-
-    def interrupt(progress):
-        if progress.steps == 64:
-            os.kill(os.getpid(), signal.SIGINT)
-
+    trained(tmp_path / "whole", 128, recipe, flipit)
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 128, recipe, settings, on_progress=interrupt)
+        trained(tmp_path / "cut", 128, recipe, flipit, on_progress=interrupt_at_64_steps)
     details = open_agent(tmp_path / "cut", "cpu").description.details
     assert (details["steps"], details["interrupted"]) == (64, True)
-    trained(tmp_path / "cut", 128, recipe, settings, resume=True)
+    trained(tmp_path / "cut", 128, recipe, flipit, resume=True)
     assert equal(tmp_path / "whole", tmp_path / "cut")
     whole, resumed = (read_json_lines(tmp_path / name / "progress.jsonl") for name in ("whole", "cut"))
     for line in (*whole, *resumed):
@@ -170,7 +167,7 @@ def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_pa
     assert equal(tmp_path / "curve", tmp_path / "plain")  # training is unaffected
 
 
-def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own, tmp_path):
+def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own, flipit, tmp_path):
     def adds(count):
         blue_left, stop = 3, 0
         return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
@@ -181,12 +178,11 @@ def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own, tm
     # Of "something yellow", "something blue" and two items, the corpus has one blue block for the second.
     assert (one.start_scenes_with_image, one.image_accuracy, one.accuracy_with_image) == (3, 1 / 3, 1 / 3)
     assert (two.image_accuracy, two.accuracy) == (0, 2 / 3)
-    flipit = LearningCurve(Settings("TowerFlipIt", corpus=own), SMALL, 1, run)
-    assert flipit.evaluation(adds(1), 0).image_accuracy is None
+    assert LearningCurve(flipit, SMALL, 1, run).evaluation(adds(1), 0).image_accuracy is None
 
 
 @pytest.mark.long
-def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path, own, monkeypatch):
+def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path, own, flipit, monkeypatch):
     shares = iter([0.2, 0.6, 0.6, 0.1, 0.9])
     kept = []
 
@@ -199,17 +195,15 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(tmp_path,
 
     monkeypatch.setattr(validation, "evaluate", played)
     recipe = replace(SMALL, held_out=0.3, validate_every=32, patience=2)
-    agent = trained(tmp_path, 320, recipe, Settings("TowerFlipIt", corpus=own))
+    agent = trained(tmp_path, 320, recipe, flipit)
     details = agent.description.details
     assert (details["steps"], details["validation_steps"], details["validation_accuracy"]) == (128, 64, 0.6)
-    saved = weights(tmp_path)
-    assert all(torch.equal(saved[name], kept[1][name]) for name in saved)
+    assert equal(tmp_path, kept[1])
     assert [line["best_steps"] for line in read_json_lines(tmp_path / "validations.jsonl")] == [32, 64, 64, 64]
 
 
-def test_tasks__held_out_statements_are_in_no_training_task(own):
-    recipe = PPORecipe.of("TowerFlipIt", held_out=0.34)
-    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), recipe)
+def test_tasks__held_out_statements_are_in_no_training_task(own, flipit):
+    tasks = training_tasks(flipit, PPORecipe.of("TowerFlipIt", held_out=0.34))
     train = load_tasks(own, "tower", "flipit", "train")
     held_out = {train.by_id(name).statement for name in tasks.validation}
     assert len(held_out) == 1
@@ -217,8 +211,8 @@ def test_tasks__held_out_statements_are_in_no_training_task(own):
     assert {task.id.split("#")[0].removeprefix("empty:") for task in tasks.tasks}.isdisjoint(tasks.validation)
 
 
-def test_tasks__of_ours_include_recoloured_and_empty_starts(own):
-    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), PPORecipe.of("TowerFlipIt", held_out=0))
+def test_tasks__of_ours_include_recoloured_and_empty_starts(flipit):
+    tasks = training_tasks(flipit, PPORecipe.of("TowerFlipIt", held_out=0))
     assert "There is something blue." in tasks.statements  # of yellow and black ones
     empty = [task for task, begins in zip(tasks.tasks, tasks.from_empty, strict=True) if begins]
     assert empty
@@ -227,15 +221,9 @@ def test_tasks__of_ours_include_recoloured_and_empty_starts(own):
         assert tasks.from_empty[tasks.tasks.index_of(task.id)] or not task.solved_by(task.start)
 
 
-def test_tasks__of_the_paper_are_the_corpus(own):
-    settings = Settings("TowerFlipIt", corpus=own)
-    plain = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
-    assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
-
-
-def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own):
-    settings = Settings("TowerFlipIt", corpus=own)
-    tasks = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
+def test_tasks__of_the_paper_are_the_corpus_sampled_uniformly_or_in_groups_of_one_statement(own, flipit):
+    tasks = training_tasks(flipit, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
+    assert list(tasks.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
     rng = np.random.default_rng(0)
     sampler = TaskSampler(tasks, replace(SMALL, envs=4))
     counts = np.bincount([task for _ in range(2_000) for task in sampler.sample(np.arange(4), rng)])
@@ -260,14 +248,13 @@ def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path, own):
 # Rollouts
 
 
-def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own):
-    settings = Settings("TowerFlipIt", corpus=own)
+def test_collect__forces_successful_stops_with_the_unforced_policys_probability(flipit):
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
-    tasks = training_tasks(settings, recipe)
+    tasks = training_tasks(flipit, recipe)
     torch.manual_seed(0)
     model = make_model(recipe, Tower(), statements=tasks.statements)
     rng = np.random.default_rng(0)
-    collector = RolloutCollector(settings, recipe, tasks)
+    collector = RolloutCollector(flipit, recipe, tasks)
     collector.reset(rng)
     rollout = collector.collect(model, rng)
     assert 0 < rollout.forced.sum() < rollout.forced.size

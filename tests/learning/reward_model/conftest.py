@@ -1,9 +1,9 @@
 """The corpus of a few statements that the tests of imitation use, and a recipe that learns it in seconds."""
 
 from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
-from tests.learning.imitation.conftest import statements
+from tests.learning.imitation.conftest import settings, statements
 
-__all__ = ["small_recipe", "statements"]
+__all__ = ["settings", "small_recipe", "statements"]
 
 SMALL = {
     "width": 32,

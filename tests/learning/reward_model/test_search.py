@@ -81,7 +81,6 @@ def exchanged_scene(exchange, scene):
     return Scene.of(*(map(exchanged, box.items) for box in scene.boxes))
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance):
     scenes = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:20]]
     for exchange in exchanges(appearance)[::7]:
@@ -108,7 +107,6 @@ def test_statements__are_read_in_a_standard_order():
     assert len(standard_exchanges(["two", "blue", "blocks"], "scatter")) == 4  # a block may mean a square
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_network__ignores_the_order_of_boxes(appearance):
     planner = new_planner(appearance)
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:9]]

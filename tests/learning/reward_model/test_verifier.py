@@ -1,6 +1,7 @@
 """The reward model as a verifier."""
 
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,20 +12,12 @@ from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 
 
-class SureModel:
-    """Stands in for an agent: gives what it is told to where the claim holds, and the opposite elsewhere."""
-
-    def __init__(self, probability):
-        self._probability = probability
-
-    def success_probability(self, state):
-        return self._probability if state.task.solved_by(state.scene) else 1 - self._probability
-
-
 @pytest.mark.parametrize("intent", list(Intent))
 @pytest.mark.parametrize("probability", [0.6, 0.97])
 def test_verifier__accepts_the_claims_it_finds_probable(intent, probability):
-    model = SureModel(probability)
+    model = SimpleNamespace(
+        success_probability=lambda state: probability if state.task.solved_by(state.scene) else 1 - probability
+    )
     env = BaseGameEnv("TowerFlipIt", protocol="audit", split="dev")
     tasks = env.tasks.ids[:60]
     measured = measure(env, ClaimingProposer(intent), partial(RewardModelAgent.answer, model), tasks=tasks, seed=0)

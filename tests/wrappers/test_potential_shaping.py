@@ -1,26 +1,11 @@
 """Rewards shaped by the expert."""
 
-import pickle
-
-import gymnasium as gym
 import pytest
 
 from lilgym_mp.solver import Expert
-from lilgym_mp.wrappers import (
-    PotentialShaping,
-)
+from lilgym_mp.wrappers import PotentialShaping
 
 STOP, ADD_LEFT_YELLOW = 0, 1  # of tower's actions
-
-
-@pytest.fixture
-def make(corpus):
-    """`make("TowerScratch", horizon=3)`: an environment over the small corpus."""
-
-    def make_env(configuration, **settings):
-        return gym.make(f"lilgym_mp/{configuration}-v0", corpus=corpus, **settings)
-
-    return make_env
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
@@ -55,10 +40,3 @@ def test_shaping__shifts_every_return_by_the_starts_potential(make, discount):
 def test_shaping__needs_a_discount(make, discount):
     with pytest.raises(ValueError, match="discount must be between 0 and 1"):
         PotentialShaping(make("TowerFlipIt"), discount)
-
-
-def test_potential_shaping__can_be_pickled(make):
-    env = PotentialShaping(make("TowerFlipIt"))
-    env.reset(seed=0)
-    copy = pickle.loads(pickle.dumps(env))
-    assert copy.step(ADD_LEFT_YELLOW)[1] == env.step(ADD_LEFT_YELLOW)[1]
