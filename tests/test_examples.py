@@ -153,6 +153,7 @@ def test_proposer_verifier_audit__trains_a_verifier_and_writes_its_curve(run, tm
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.long
 def test_supersuit_ppo__plays_with_the_guides_views(run):
     needs("supersuit")
     assert "mean return" in run("supersuit_ppo.py", "--steps", "256", "--games", "1", "--guide")

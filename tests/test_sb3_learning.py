@@ -50,19 +50,15 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained):
     assert trained.ent_coef == pytest.approx(0.3)  # at the start of the second of two rollouts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("algorithm", "configuration", "changes"),
     [
         (MaskablePPO, "TowerFlipIt", {"wrap": None}),
         (PPO, "ScatterFlipIt", {"recolour": False}),
-        *(
-            pytest.param(algorithm, "TowerFlipIt", changes, marks=pytest.mark.long)
-            for algorithm, changes in (
-                (PPO, {"stop_forcing": False, "backend": "dummy"}),
-                (MaskablePPO, {"stop_forcing": False, "backend": "workers"}),
-                (MaskablePPO, {"wrap": None, "backend": "subproc", "n_envs": 4}),
-            )
-        ),
+        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
+        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
+        (MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc", "n_envs": 4}),
     ],
 )
 def test_training__works_with_every_backend_from_images_and_items(algorithm, configuration, changes):

@@ -91,6 +91,7 @@ def test_areas__of_shapes_and_of_their_parts_in_a_cell_equal_shapelys(footprint)
 
 
 @pytest.mark.parametrize("footprint", [0, 8])
+@pytest.mark.long
 def test_shipped_ties__equal_those_that_the_script_finds(footprint):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2

@@ -40,6 +40,7 @@ def write_file(path, text):
 
 
 @pytest.mark.parametrize("file", sorted(FILES.glob("*.toml")), ids=lambda file: file.stem)
+@pytest.mark.long
 def test_plan__shipped_files_are_valid(file, request):
     if tomllib.loads(file.read_text())["corpus"] == "lilgym":
         request.getfixturevalue("official_data")
@@ -114,6 +115,7 @@ def test_plan__a_path_can_name_the_seed_and_the_results_directory(tmp_path, caps
     assert re.findall("here/runs/teacher-.", output) == ["here/runs/teacher-3", "here/runs/teacher-5"]
 
 
+@pytest.mark.long
 def test_plan__learner_trained_on_another_corpus(tmp_path, own):
     text = f'corpus = "{own}"\n[[learners]]\nlearner = "parse-and-plan"\ncorpus = "builtin"\n'
     (planned,) = read_plan(write_file(tmp_path / "a.toml", text))

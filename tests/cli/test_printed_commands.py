@@ -40,9 +40,8 @@ def printed(capsys, before):
     return command
 
 
-@pytest.mark.parametrize(
-    "learner", [name if name == "game" else pytest.param(name, marks=pytest.mark.long) for name in TRAININGS]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("learner", TRAININGS)
 def test_train__names_an_evaluation_that_runs(learner, own, capsys):
     succeeds(f"train {TRAININGS[learner]} {own} --out 'a run'")
     succeeds(printed(capsys, "evaluate it with"), "--out", "results.json")

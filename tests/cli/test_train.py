@@ -34,6 +34,7 @@ def run(trained_run, tmp_path):
     return shutil.copytree(trained_run, tmp_path / "run")
 
 
+@pytest.mark.long
 def test_train__options_override_the_recipe(tmp_path, own):
     options = "--schedule constant --learning-rate 0.003 --seed 4 --rules release --recipe paper --mask"
     succeeds(f"train ppo TowerScratch --corpus {own} --steps 64 {SMALL} {options} --out", tmp_path)
@@ -59,6 +60,7 @@ def test_train_help__prints_the_defaults_of_each_appearance_or_start(learner, ex
     assert "native" not in output, "a grid on which no learner can be trained"
 
 
+@pytest.mark.long
 def test_tensorboard__gets_the_numbers_of_each_progress_line(tmp_path, own, monkeypatch):
     written = []
     writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
@@ -79,6 +81,7 @@ def test_tensorboard__missing_is_an_error_before_training(tmp_path, monkeypatch,
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.long
 def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run, own):
     output = output_of(capsys, f"evaluate {run} --corpus {own} --out", tmp_path / "results.json")
     (table,) = (block.splitlines() for block in output.split("\n\n") if block.startswith("policy "))
@@ -94,6 +97,7 @@ def test_evaluate__compares_the_agent_with_random_policies(capsys, tmp_path, run
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
+@pytest.mark.long
 def test_parse_and_plan__is_trained_and_explains(capsys, tmp_path, own):
     small = "--updates 10 --width 32 --batch-size 16 --generated-pairs 100 --held-out-statements 5"
     output = output_of(capsys, f"train parse-and-plan --corpus {own} {small} --out", tmp_path)

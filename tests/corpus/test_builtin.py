@@ -76,6 +76,7 @@ def test_builtin__has_the_statements_and_programs_of_its_source(appearance, spli
 
 
 @pytest.mark.parametrize("split", SIZES)
+@pytest.mark.long
 def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_values(appearance, split):
     found = starts(appearance, split)
     assert len(found) == SIZES[split]

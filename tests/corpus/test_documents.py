@@ -68,6 +68,7 @@ def test_paper_table__has_the_recorded_accuracy_of_each_run():
 
 
 @pytest.mark.usefixtures("official_data")
+@pytest.mark.long
 def test_game_experiments__have_the_recorded_success_of_each_pair():
     script = load_script("measure_messages")
     pairs = grouped((row[0], row) for row in script.read("messages")[1:])

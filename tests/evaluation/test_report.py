@@ -91,6 +91,7 @@ def test_markdown_table__aligns_numbers_right_and_texts_left():
     ]
 
 
+@pytest.mark.long
 def test_results_json__is_sufficient_to_reproduce_the_results():
     plan = EvaluationPlan(Settings("TowerFlipIt"), "dev", seed=5, passes=1, batch_size=16)
     seen = training_statements(plan.settings)

@@ -40,6 +40,7 @@ def test_load_flipit__has_two_pairs_of_a_true_and_a_false_start_scene_one_item_a
         assert items_apart(one.start, other.start) == 1
 
 
+@pytest.mark.long
 def test_load__is_deterministic_in_the_name_built_once_for_all_threads_and_varies_with_the_seed():
     first = load_tasks("generated:2", "tower", "flipit", "dev")
     generated_entries.cache_clear()
@@ -65,6 +66,7 @@ def test_load__tasks_stay_the_same():
     )
 
 
+@pytest.mark.long
 def test_splits__share_no_meaning():
     for split in ("dev", "test"):
         tasks = load_tasks("generated:2", "tower", "scratch", split)

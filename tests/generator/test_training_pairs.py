@@ -53,6 +53,7 @@ def test_training_pairs__about_towers_need_towers():
     assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
 
 
+@pytest.mark.long
 def test_training_pairs__every_program_evaluates_on_every_scene(appearance):
     pool = [Scene.empty(), *scenes(appearance, 6)]
     for pair in pairs(appearance, 250):
@@ -115,6 +116,7 @@ def test_level_of__grows_with_size_and_needs_words():
     assert {program: level_of(program) for program in levels} == levels
 
 
+@pytest.mark.long
 def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance):
     found = [
         pair.statement for level in (2, 3) for pair in islice(statements(appearance, level, random.Random(5)), 400)

@@ -62,6 +62,7 @@ def test_parse_and_plan__records_the_programs_it_planned_for():
         assert decision.success_probability is not None
 
 
+@pytest.mark.long
 def test_evaluate_command__records_decisions_on_request(tmp_path, capsys):
     command = f"evaluate --policy expert --configuration TowerScratch --record {tmp_path}"
     succeeds(f"{command} --record-decisions --judge-decisions")

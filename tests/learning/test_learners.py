@@ -91,6 +91,7 @@ def test_shipped_agents__solve_most_tasks_from_pixels(name, configuration):
 
 
 @pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower", "ppo-tower", "reward-model-tower"])
+@pytest.mark.long
 def test_shipped_agents__play_alike_in_another_process(name):
     settings = EnvConfig("TowerFlipIt")
     policy = open_agent(Path(name), "cpu").policy(settings)

@@ -54,6 +54,7 @@ def test_reply__is_read_as_a_choice_a_message_and_a_note(role, reply, said):
     assert read_reply(reply, game, role, np.ones(13, np.bool_), words=3, thoughts=THOUGHTS) == said
 
 
+@pytest.mark.long
 def test_builder__does_what_it_is_told_in_words_and_sees_no_statement():
     env = BaseGameEnv(**vars(GUIDED))
     first = "REMOVE(LEFT)"

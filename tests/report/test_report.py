@@ -340,6 +340,7 @@ def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.long
 def test_report__configurations_may_be_played_on_different_splits(tmp_path):
     written(tmp_path / "kept")
     written(tmp_path / "kept", settings=replace(SCATTER, configuration="ScatterScratch"), split="test")

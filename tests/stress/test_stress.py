@@ -60,6 +60,7 @@ def test_random_wrapper_stacks__play_alike_on_single_batched_and_worker_environm
     assert compared["also by workers"]
 
 
+@pytest.mark.long
 def test_entries_of_steps__are_absent_from_infos_where_every_environment_only_resets():
     stack = [("stop_forcing", {"mode": "replace"}), ("channels_first", {})]
     for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):

@@ -225,6 +225,7 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path, runs):
         assert found(browser, "expert")["episodes"] == 3
 
 
+@pytest.mark.long
 def test_watch__offers_agents_only_in_the_configurations_that_they_play(browser):
     pytest.importorskip("torch")
     page = browser.get("/watch").text

@@ -27,9 +27,9 @@ FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.
         pytest.param(
             *(configuration, name, settings),
             id=f"{configuration}-{id}",
-            marks=() if (configuration == "ScatterScratch") == (index % 2 == 0) else pytest.mark.long,
+            marks=pytest.mark.long if configuration == "ScatterScratch" else (),
         )
-        for index, (id, (name, settings)) in enumerate(zip(IDS, ALONE, strict=True))
+        for id, (name, settings) in zip(IDS, ALONE, strict=True)
         for configuration in ("TowerScratch", "ScatterScratch")
     ],
 )

@@ -101,7 +101,8 @@ def test_train__every_protocol_gives_agents_that_play(tmp_path, own, verifier, p
         measure(parallel_env(protocol="audit" if protocol != "audit" else "veto", split="dev"), *players)
 
 
-@pytest.mark.parametrize("protocol", ["joint", pytest.param("critique", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("protocol", ["joint", "critique"])
 def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monkeypatch):
     found = []
     play = RolloutPlayer.play
@@ -177,6 +178,7 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path):
 # Invalid input
 
 
+@pytest.mark.long
 def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path):
     trained(tmp_path / "run")
     with pytest.raises(TrainingRunError, match="has protocol joint, but veto was requested"):

@@ -72,7 +72,8 @@ def test_trained_builder__acts_alike_whatever_the_statement(tmp_path, algorithm)
     assert not torch.allclose(logits[Role.VERIFIER], logits[Role.VERIFIER][:1], atol=1e-6)
 
 
-@pytest.mark.parametrize("algorithm", ["independent", pytest.param("shared", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("algorithm", ["independent", "shared"])
 def test_central_critic__sees_everything_while_the_builder_does_not(tmp_path, algorithm):
     recipe = replace(SMALL, algorithm=algorithm, critic="central")
     run = GameRun(GUIDED, recipe, tmp_path / "run", steps=128)

@@ -271,6 +271,7 @@ def test_collect__forces_successful_stops_with_the_unforced_policys_probability(
 
 
 @pytest.mark.parametrize("mask", [False, True])
+@pytest.mark.long
 def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_path, mask):
     agent = trained(tmp_path, 64, replace(SMALL, mask=mask))
     assert agent.policy(TOWER).needs_masks is mask
@@ -303,6 +304,7 @@ def test_train__every_recipe_and_configuration_gives_an_agent(tmp_path, own, rec
         agent.policy(replace(settings, grid=(38, 10)))
 
 
+@pytest.mark.long
 def test_train__accumulated_gradient_equals_the_full_one(tmp_path):
     for name, size in (("whole", 0), ("parts", 5)):
         trained(tmp_path / name, 32, replace(SMALL, microbatch=size))
@@ -351,6 +353,7 @@ def test_resume__rejects_a_changed_corpus(tmp_path):
         ("random", "{}"),
     ],
 )
+@pytest.mark.long
 def test_resume__rejects_a_checkpoint_of_another_run(begun, part, value):
     state = torch.load(begun / "checkpoint.pt", weights_only=True)
     torch.save({**state, part: value}, begun / "checkpoint.pt")
