@@ -12,6 +12,7 @@ from tests.scripts import ROOT
 TESTED = {  # runs with seed 0; rows of docs/test_split.md
     "ppo": "PPO with stop forcing, 1.5 million steps",
     "sb3": "MaskablePPO of SB3, 1.5 million steps",
+    "imitation": "imitation",
     "parse-and-plan-0": "parse and plan, 6,000 updates",
     "parse-and-plan": "parse and plan, included",
 }
