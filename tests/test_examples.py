@@ -176,6 +176,7 @@ def structured(tmp_path_factory):
         ("offline_rl.py", "d3rlpy", ["--method", "bc"], r" +\d+  0\.\d{3}"),
     ],
 )
+@pytest.mark.long
 def test_offline_example__learns_from_a_data_set(run, structured, example, module, options, last):
     needs(module)
     assert re.fullmatch(last, run(example, str(structured), *options, "--updates", "2").splitlines()[-1])

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import sys
-from functools import cache, partial
+from functools import partial
 from importlib.metadata import EntryPoint
 from textwrap import dedent
 from types import SimpleNamespace
@@ -123,8 +123,6 @@ FIRST = {  # and a part of what they say
     f"play {LAMPS_TRAIN} --protocol claims": "ADD(MIDDLE, YELLOW)",
     "data check lamps.jsonl": "no faults",
     f"solve {LAMPS_TRAIN}": NO_EXPERT,
-}
-LONG_FIRST = {
     MAKE.format("", "lilgym_mp:"): "",
     f"evaluate --policy random-legal --configuration {LAMPS_TRAIN} --record played": "random-legal",
     f"play {LAMPS_TRAIN}": f"{NO_EXPERT}\n> add left yellow",
@@ -147,26 +145,21 @@ LONG_FIRST = {
 
 @pytest.fixture(scope="module")
 def said(installed):
-    """A function that gives what commands say, each as the first of its process."""
-
-    @cache
-    def run(*commands):
-        run_in(installed, "first.py", *commands)
-        return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(commands)}
-
-    return run
+    """What each command says as the first of its process."""
+    run_in(installed, "first.py", *FIRST)
+    return {command: (installed / f"said-{index}.txt").read_text() for index, command in enumerate(FIRST)}
 
 
-@pytest.mark.parametrize("command", [*FIRST, *(pytest.param(name, marks=pytest.mark.long) for name in LONG_FIRST)])
+@pytest.mark.long
+@pytest.mark.parametrize("command", FIRST)
 def test_first_command__knows_what_an_installed_package_adds(said, command):
     for word, module in (("train", "torch"), ("--protocol", "pettingzoo")):
         if word in command.split():
             needs(module)
-    commands = FIRST if command in FIRST else LONG_FIRST
-    text = said(*commands)[command]
-    assert commands[command] in text
+    text = said[command]
+    assert FIRST[command] in text
     assert "Traceback" not in text
-    if commands[command] in (NO_HEADS, NO_STATEMENTS, NO_RECIPE):
+    if FIRST[command] in (NO_HEADS, NO_STATEMENTS, NO_RECIPE):
         assert len(text.splitlines()) == 1
 
 

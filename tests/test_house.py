@@ -98,6 +98,7 @@ def test_packaging__every_directory_with_modules_is_listed():
     assert not unlisted, f"add to tool.setuptools.packages in pyproject.toml: {sorted(unlisted)}"
 
 
+@pytest.mark.long
 def test_packaging__every_module_and_data_file_is_shipped(installed_form):
     missing = [
         str(path.relative_to(ROOT))
@@ -122,7 +123,7 @@ def test_packaging__a_source_distribution_has_the_package_its_tests_and_document
     assert {"wrappers/__init__.py", "data/builtin.jsonl.gz", "lilgym_mp/py.typed", "README.md"} <= names
 
 
-@pytest.mark.parametrize("layout", ["checkout", "installed"])
+@pytest.mark.parametrize("layout", ["checkout", pytest.param("installed", marks=pytest.mark.long)])
 def test_packaging__wrappers_and_data_are_imported_from_the_package(layout, request):
     place = ROOT if layout == "checkout" else request.getfixturevalue("installed_form")
     program = """if True:

@@ -29,6 +29,7 @@ def test_load_scratch__has_the_documented_number_of_distinct_statements(appearan
     assert sum(task.solved_by(task.start) for task in tasks) <= MAX_TRIVIAL_SHARE * len(tasks) + 1
 
 
+@pytest.mark.long
 def test_load_flipit__has_two_pairs_of_a_true_and_a_false_start_scene_one_item_apart_per_statement(appearance):
     tasks = load_tasks("generated:2", appearance, "flipit", "dev")
     assert len(tasks) == 4 * SPLIT_SIZES["dev"]

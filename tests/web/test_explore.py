@@ -32,6 +32,7 @@ def tasks():
     return load_tasks("builtin", "tower", "scratch", "dev")
 
 
+@pytest.mark.long
 def test_search__pages_through_every_statement_of_a_split(browser, tasks):
     total, ids = found(browser)
     assert total == len({task.statement for task in tasks})
