@@ -72,6 +72,7 @@ def test_import__names_the_files_that_the_directory_lacks(data, released, cache)
     assert [path.name for path in cache.iterdir()] == ["tower_scratch_test.json"]
 
 
+@pytest.mark.long
 def test_download__gets_only_what_is_not_installed(data, error_of, released, cache):
     data("import", released)
     assert f"already installed: {cache}" in data("download", "--url", "ftp://nowhere")

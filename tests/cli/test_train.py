@@ -107,6 +107,7 @@ def test_parse_and_plan__is_trained_and_explains(capsys, tmp_path, own):
     assert "predicted probability of success:" in output
 
 
+@pytest.mark.long
 def test_explain__explains_a_task_with_its_outcome(capsys):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
     output = output_of(capsys, "explain --task", task.id)

@@ -18,6 +18,7 @@ def last_legal(_, legal):
 
 
 @pytest.mark.parametrize("num_envs", [7, 1000])
+@pytest.mark.long
 def test_own_policy__plays_every_task_once_as_evaluate_does(num_envs):
     wrap = lambda envs: flat_observation_v0(structured_observation_v0(envs))  # noqa: E731
     result = evaluate_wrapped(last_legal, SETTINGS, wrap=wrap, num_envs=num_envs, observation="arrays")

@@ -56,6 +56,7 @@ def test_load__is_deterministic_in_the_name_built_once_for_all_threads_and_varie
     assert {task.statement for task in first} != {task.statement for task in other}
 
 
+@pytest.mark.long
 def test_load__tasks_stay_the_same():
     tasks = [
         (task.statement, task.program, task.start.to_json())

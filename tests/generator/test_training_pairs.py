@@ -39,6 +39,7 @@ def test_training_pairs__stay_the_same(appearance, digest):
     assert hashlib.sha256(found.encode()).hexdigest() == digest, "trained parsers depend on the stream of pairs"
 
 
+@pytest.mark.long
 def test_training_pairs__about_towers_need_towers():
     found = {pair.statement: pair.program for pair in pairs("tower", 4_000)}
 

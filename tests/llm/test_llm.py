@@ -195,6 +195,7 @@ BUSY = {"error": {"code": 429, "message": "Rate limit reached"}}
 
 
 @pytest.mark.parametrize("first", [(503, {}), (200, BUSY)], ids=["status", "error in a 200"])
+@pytest.mark.long
 def test_openai__retries_a_server_that_is_busy_and_counts_the_calls(first):
     assert answer_of(lambda body, number: (200, chat("ok")) if number > 1 else first) == Answer("ok", 7, 3, retries=1)
 
@@ -497,6 +498,7 @@ def test_answer_of_another_type__is_an_agent_error(reply):
         play_first(agent)
 
 
+@pytest.mark.long
 def test_command__imports_an_agent_from_the_current_directory(tmp_path):
     (tmp_path / "my_agents.py").write_text("class Mine:\n    def answer(self, messages):\n        return 'STOP'\n")
     command = [Path(sys.executable).with_name("lilgym-mp"), "llm", "play", "TowerFlipIt"]

@@ -42,6 +42,7 @@ def some(kind, appearance="tower", count=4, **settings):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.long
 def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_right(kind, appearance):
     found = some(kind, appearance)
     assert some(kind, appearance) == found

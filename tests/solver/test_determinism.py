@@ -53,6 +53,7 @@ def test_scatter__equal_in_any_order_and_process():
         ("ScatterFlipIt", "be42fa8119b9"),
     ],
 )
+@pytest.mark.long
 def test_plans__are_those_of_the_published_results(name, digest):
     """Another plan of the same length is as good, but changes what imitation learns and rows for language models."""
     solver = Solver(Settings(name).dynamics())

@@ -42,6 +42,7 @@ def test_search__pages_through_every_statement_of_a_split(browser, tasks):
     assert found(browser, first=total) == (0, [])
 
 
+@pytest.mark.long
 def test_search__keeps_matching_statements_only(browser, tasks):
     total, ids = found(browser, text="BLUE")
     assert 0 < total < found(browser)[0]

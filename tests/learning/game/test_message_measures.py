@@ -15,6 +15,7 @@ from tests.scripts import load_script
         ([[1, 1, 0, 0], [0, 0, 1, 1]], (1.0, 2.0)),  # messages name halves of the proposals
     ],
 )
+@pytest.mark.long
 def test_information__is_what_messages_tell_of_proposals_and_their_entropy(counts, information):
     heard = load_script("measure_messages").Listening(None, *np.shape(counts))
     heard.counts += counts

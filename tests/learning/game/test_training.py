@@ -119,6 +119,7 @@ def test_claims__are_of_the_scene_that_was_judged(tmp_path, own, protocol, monke
 # Runs on disk
 
 
+@pytest.mark.long
 def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path):
     heard = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

@@ -71,6 +71,7 @@ def test_training__with_random_labels_learns_nothing(settings, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
+@pytest.mark.long
 def test_training__saved_agent_plays_like_the_trained_one_and_equal_seeds_give_equal_agents(name, settings, tmp_path):
     settings = replace(settings, configuration=name)
     agent = train(settings, tmp_path / "run", 4)
