@@ -298,7 +298,8 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made):
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
 
 
-@pytest.mark.parametrize("backend", ["batched", pytest.param("dummy", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("backend", ["batched", "dummy"])
 def test_stop_forcing__is_added_outside_of_other_wrappers(made, backend):
     wrap = lambda env: structured_observation_v0(box_permutation_v0(env))  # noqa: E731
     assert "forced" in made(TOWER, backend, wrap=wrap, stop_forcing=True).observation_space.spaces
