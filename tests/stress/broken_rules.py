@@ -103,7 +103,7 @@ def main():
     args = parser.parse_args()
     missed = 0
     with tempfile.TemporaryDirectory() as directory:
-        copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=IGNORED)
+        copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=IGNORED, symlinks=True)
         for rule, tests in RULES.items():
             path, name = copy / rule.partition(":")[0], rule.partition(":")[2]
             original = path.read_text()
