@@ -10,6 +10,7 @@ import pytest
 
 from lilgym_mp.corpus.generator import LEVELS, level_of, statements, training_pairs
 from lilgym_mp.corpus.generator.noise import with_noise
+from lilgym_mp.corpus.generator.writer import phrase_book
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
@@ -52,6 +53,10 @@ def test_training_pairs__about_towers_need_towers():
             assert not program(scene(tower(B)))
             assert not program(Scene.empty())
     assert {program.count("is_tower()") > 1 for program in programs("the tower with the (fewest|least) ")} == {True}
+
+
+def test_conditions__have_probabilities(appearance):
+    assert sum(phrase_book(appearance).conditions.values()) < 1 + 1e-9
 
 
 @pytest.mark.long

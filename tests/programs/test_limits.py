@@ -93,6 +93,15 @@ def test_code_generation__step_bound_is_an_upper_bound_for_random_programs():
     assert compared > 100
 
 
+def test_code_generation__gives_up_early_on_exploding_text():
+    source = "exist(all_items)"
+    for _ in range(14):
+        source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
+    context = code_generation.Context()
+    with pytest.raises(ir.Unsupported, match="too long"):
+        code_generation.Generator(context, kernel=False).lower(parse(source), {})
+
+
 def test_nesting_of_collections_and_calls__is_limited():
     for source, message in (
         (nested(25, "[{0}]", "equal(v25, v25)", "[1]"), "collections are nested more than 20 deep"),

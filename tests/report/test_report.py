@@ -15,6 +15,7 @@ from lilgym_mp.contrib.report.aggregation import (
     accuracy_where,
     holm,
     mean_std,
+    mean_where,
     paired_difference,
 )
 from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind, failures, figure_10
@@ -26,7 +27,8 @@ from lilgym_mp.contrib.report.results import paired_tests, summary, table_2
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import OutputError
-from tests.command_line import error_of
+from tests.command_line import error_of, succeeds
+from tests.json_files import read_json
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -356,6 +358,18 @@ def test_curves__of_a_resumed_run_have_each_number_of_steps_once(tmp_path):
     assert [(each["steps"], each["accuracy"]) for each in curve.evaluations] == [(0, 0.5), (32, 0.7)]
 
 
+@pytest.mark.long
+def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path):
+    kept, results = (tmp_path / name for name in ("kept", "results.json"))
+    command = "evaluate --policy random-legal random-type --configuration TowerFlipIt"
+    succeeds(f"{command} --record {kept} --out", results)
+    found = load_report_data([kept])
+    for row in read_json(results)["results"]:
+        runs = found.find(row["agent"], "TowerFlipIt").runs
+        assert accuracy_where(runs).mean == pytest.approx(100 * row["accuracy"])
+        assert mean_where(runs, lambda episode: episode.reward).mean == pytest.approx(row["mean_reward"])
+
+
 def written_games(path, *pairs):
     """Results of games as `lilgym-mp evaluate --out` writes them, in part: both agents, success and remark."""
     shared = {"configuration": "ScatterFlipIt", "protocol": "veto", "corpus": "builtin", "split": "dev"}
@@ -398,10 +412,10 @@ def test_games__another_json_file_is_refused_by_name(tmp_path):
 
 def test_table_2__has_a_row_of_a_runs_two_agents_and_says_so_only_then(example, tmp_path):
     games = written_games(tmp_path / "games.json", ("runs/a", "runs/a", 0.5, ""), ("random", "random", 0.0, ""))
-    (made,) = table_2(load_report_data([example, games]))
+    (made,), (without,) = (table_2(load_report_data(paths)) for paths in ([example, games], [example]))
     assert isinstance(made, Table)
     (shown,) = (cells for cells in made.texts() if cells[0].endswith("‡"))
     assert shown[0] == "runs/a ‡"
     assert "50 [40, 60]" in shown
     assert "‡" in made.note
-    assert "‡" not in GOLDEN.read_text()  # the same table without games
+    assert "‡" not in without.note
