@@ -18,7 +18,7 @@ from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
-from tests.browser import axe_script, chromium, watched_page
+from tests.browser import watched_page
 from tests.corpora import small_entries, write_thin_corpus
 from tests.web.test_annotate import STATEMENT_ID, overfitted, right_program
 from tests.web.web_app import server
@@ -59,20 +59,14 @@ def running(app, **options):
     thread.join(20)
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
-
-
 @pytest.fixture
-def opened(browser, tmp_path):
+def opened(chromium, tmp_path):
     """Opens a page on a server of its own, with options of the window and of the server."""
     with ExitStack() as stack:
 
         def opened(*size, dark=False, bypass_csp=False, **options):
             url = stack.enter_context(served(tmp_path, **options))
-            return stack.enter_context(watched_page(browser, *size, url=url, dark=dark, bypass_csp=bypass_csp))
+            return stack.enter_context(watched_page(chromium, *size, url=url, dark=dark, bypass_csp=bypass_csp))
 
         yield opened
 
@@ -338,9 +332,9 @@ def test_home__is_a_playable_tower_task(page):
     assert page.locator("main a[href='./play']").count() == 1
 
 
-def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser, tmp_path):
+def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(chromium, tmp_path):
     phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
-    with served(tmp_path) as url, closing(browser.new_context(base_url=url, **phone)) as context:
+    with served(tmp_path) as url, closing(chromium.new_context(base_url=url, **phone)) as context:
         page = context.new_page()
         _begin(page)
         assert page.locator("#board").bounding_box()["y"] < 300
@@ -434,8 +428,8 @@ RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'bes
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
 def test_pages__pass_axe(opened, runs, dark, width):
-    script = axe_script()
-    page = opened(width, runs=runs, dark=dark, bypass_csp=True).page
+    watched = opened(width, runs=runs, dark=dark, bypass_csp=True)
+    page = watched.page
     found = []
     for path in PAGES:
         page.goto(path, wait_until="networkidle")
@@ -448,44 +442,41 @@ def test_pages__pass_axe(opened, runs, dark, width):
         if path == "/watch":
             page.locator("#episodes button").first.click()
             page.wait_for_selector("#viewer .strip img")
-        found += _barriers(page, script, path)
+        found += _barriers(watched, path)
     assert found == []
 
 
-def _barriers(page, script, where):
-    """Accessibility violations that axe-core finds in the current state of the page."""
-    page.evaluate(script)
-    violations = page.evaluate(f"axe.run({RULES})")["violations"]
-    return [f"{where}: {each['id']}: {each['nodes'][0]['html'][:150]}" for each in violations]
+def _barriers(watched, where):
+    """Accessibility violations that axe-core finds in the current state of a page."""
+    return [f"{where}: {rule}: {nodes[0][:150]}" for rule, nodes in watched.violations(RULES)]
 
 
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [360, 1280])
 def test_pages__pass_axe_during_and_after_interaction(opened, dark, width):
     """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
-    script = axe_script()
     watched = opened(width, dark=dark, bypass_csp=True)
     page, found = watched.page, list[str]()
     _annotate(page)
-    found += _barriers(page, script, "editor")
+    found += _barriers(watched, "editor")
     page.fill("#program", "exist(")
     page.wait_for_selector("#program-fault:not(:empty)")
-    found += _barriers(page, script, "editor with an error")
+    found += _barriers(watched, "editor with an error")
     page.fill("#program", right_program())
     page.click("#run")
     page.wait_for_selector("#submit:not([disabled])")
-    found += _barriers(page, script, "editor with an agreeing program")
+    found += _barriers(watched, "editor with an agreeing program")
     page.goto("/play")
     page.click("#setup [type=submit]")
     page.wait_for_selector(".cells button")
     page.click("#stop")
     page.click("#why summary")
     page.wait_for_selector("#parts li")
-    found += _barriers(page, script, "end of an episode")
+    found += _barriers(watched, "end of an episode")
     _begin_game(page, "[name=configuration]", "TowerScratch")
     page.click("#legal")
     _play_out(page)
-    found += _barriers(page, script, "end of a game")
+    found += _barriers(watched, "end of a game")
     assert found == []
 
 
@@ -609,8 +600,8 @@ def _play_out(page):
     raise AssertionError("the game did not end")
 
 
-def test_beat__the_shared_address_begins_the_same_tasks_again(browser, page):
-    with watched_page(browser) as other:
+def test_beat__the_shared_address_begins_the_same_tasks_again(chromium, page):
+    with watched_page(chromium) as other:
         _begin(page, "/beat?seed=7")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
         page.click("#stop")
@@ -759,7 +750,7 @@ def _proxied(apps):
     return proxy
 
 
-def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(browser, tmp_path):
+def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(chromium, tmp_path):
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
     command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost", "-days", "2"]
     if shutil.which("openssl") is None:
@@ -775,7 +766,7 @@ def test_proxy__with_tls_prefixes_and_another_host_name_serves_two_servers(brows
         proxy = _proxied({"/one": one, "/two": two})
         tls = {"ssl_keyfile": str(key), "ssl_certfile": str(certificate)}
         with running(proxy, **tls) as port:
-            context = browser.new_context(base_url=f"https://localhost:{port}", ignore_https_errors=True)
+            context = chromium.new_context(base_url=f"https://localhost:{port}", ignore_https_errors=True)
             page = context.new_page()
             page.goto("/two/?token=second-token")
             _begin(page, "/one/play?token=first-token")
