@@ -10,8 +10,8 @@ official data, so that the recordings themselves, which contain statements, need
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
 `paper` and `paper-sf` are C3+BERT with the paper's recipe, whose table is in docs/training.md, `tested` the agents of
-docs/test_split.md. `--runs` writes commit, CPU minutes, budget and digest of an experiment's finished runs into
-runs.csv, which knows them by name.
+docs/test_split.md. `--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished
+runs into runs.csv, which knows them and their commands by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
@@ -200,9 +200,10 @@ def write_runs(directory: Path) -> list[str]:
             made, progress = json.loads((run / RUN_FILE).read_text())["made"], last_line(run / PROGRESS_FILE)
             count = last_line(run / VALIDATIONS_FILE).get("best_steps") or progress.get("steps") or progress["updates"]
             commit, _, changes = made["commit"].partition(" ")
-            row[2:4] = f"{commit[:7]} {changes}".strip(), f"{progress['cpu_seconds'] / 60:.1f}"
-            row[4] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
-            row[5] = digest(recordings) if recordings.is_dir() else ""
+            row[3:5] = f"{commit[:7]} {changes}".strip(), made["machine"].partition(",")[0]
+            row[5] = f"{progress['cpu_seconds'] / 60:.1f}"
+            row[6] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
+            row[7] = digest(recordings) if recordings.is_dir() else ""
     write("runs", [head, *rows])
     return finished
 

@@ -3,12 +3,15 @@
 import gzip
 import json
 import re
+import shlex
 import shutil
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from lilgym_mp.cli import make_parser
+from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.scene.grouping import grouped
 from tests.command_line import succeeds
@@ -89,7 +92,7 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch
         run = tmp_path / "runs" / name
         run.mkdir(parents=True)
         (tmp_path / "finished" / f"{name}.json").touch()
-        (run / "run.json").write_text('{"made": {"commit": "0123456789 with changes"}}')
+        (run / "run.json").write_text('{"made": {"commit": "0123456789 with changes", "machine": "M, 2 cores"}}')
         (run / "progress.jsonl").write_text(f'{{"updates": 0}}\n{line}')
     (run / "validations.jsonl").write_text('{"best_steps": 130000}\n')
     recordings = tmp_path / "episodes" / "ppo-TowerFlipIt-2"
@@ -97,10 +100,30 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch
     (tmp_path / "finished" / "new-0.json").touch()
     assert script.write_runs(tmp_path) == ["new-0"]
     changed = [row for row in script.read("runs") if row not in before]
+    for row in changed:
+        assert row.pop(2).endswith(f"--only {row[1]}")
     assert changed == [
-        ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "1.5", "3,600", ""],
-        ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "1.1", "0.13 million", script.digest(recordings)],
+        ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "M", "1.5", "3,600", ""],
+        ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "M", "1.1", "0.13 million", script.digest(recordings)],
     ]
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("official_data")
+def test_published_runs__have_commands_that_are_valid():
+    _, *rows = load_script("write_result_tables").read("runs")
+    plans = {}
+    for _, run, command, *_ in rows:
+        program, *words = shlex.split(command.partition("; ")[0])
+        if "--only" in words:
+            _, file, _, name = words
+            plans[file] = plans.get(file) or {planned.name for planned in read_plan(ROOT / file)}
+            assert run == name
+            assert name in plans[file]
+        elif program == "lilgym-mp":
+            make_parser().parse_args(words)
+        else:
+            assert (ROOT / words[0]).is_file()
 
 
 def test_charts_of_results__are_drawn_from_the_csv_files():
