@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import defaultdict
 from statistics import fmean
 
 import pytest
@@ -52,17 +53,32 @@ def test_readme__has_the_accuracies_of_the_pages(name):
         assert cell.strip(" ⁵") == (pair if " / " in pair else alone)
 
 
-def test_test_split__dev_is_of_the_outcomes_of_the_tested_agents():
+def outcomes(is_meant):
+    """The agent, the index of the configuration and the accuracy of the rows of outcomes.csv that are meant."""
     with (ROOT / "docs/results/outcomes.csv").open() as file:
-        found = [each for each in csv.DictReader(file) if each["row"] == "tested" and each["actions"] != "sampled"]
+        found = [each for each in csv.DictReader(file) if each["actions"] != "sampled" and is_meant(each)]
     assert found
     for each in found:
         share = fmean(map(int, each["successes"])) / int(each["episodes"])
-        name = next(name for run, name in TESTED.items() if each["run"].startswith(run))
-        cell = row("docs/test_split.md", "Start scenes of test:", name)[
-            BUILTIN_CONFIGURATIONS.index(each["configuration"])
-        ]
-        assert cell.partition(" / ")[0] in (f"{100 * share:.1f}", ""), each["run"]
+        yield each["run"], BUILTIN_CONFIGURATIONS.index(each["configuration"]), f"{100 * share:.1f}"
+
+
+def test_test_split__dev_is_of_the_outcomes_of_the_tested_agents():
+    for run, column, accuracy in outcomes(lambda each: each["row"] == "tested"):
+        name = next(name for start, name in TESTED.items() if run.startswith(start))
+        cell = row("docs/test_split.md", "Start scenes of test:", name)[column]
+        assert cell.partition(" / ")[0] in (accuracy, ""), run
+
+
+def test_agents__accuracies_of_the_included_agents_are_of_their_outcomes():
+    cells = defaultdict(dict)
+    for run, column, accuracy in outcomes(lambda each: each["row"] in ("6", "7", "included")):
+        appearance, is_flipit = divmod(column, 2)
+        cells[run, appearance][is_flipit] = accuracy
+    assert len(cells) == 6
+    page = (ROOT / "docs/agents.md").read_text()
+    for (run, _), pair in cells.items():
+        assert f"| {pair[0]} / {pair[1]} |\n" in page, run
 
 
 def test_readme__has_the_reward_models_accuracies_on_dev():
