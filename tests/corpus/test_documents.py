@@ -12,7 +12,10 @@ import pytest
 
 from lilgym_mp.cli import make_parser
 from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.contrib.report.aggregation import accuracy_where
 from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.results import training_statements
 from lilgym_mp.scene.grouping import grouped
 from tests.command_line import succeeds
 from tests.scripts import ROOT, load_script
@@ -45,6 +48,29 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
     assert script.accuracies() == script.read("accuracy")
     assert script.differences() == script.read("paired_tests")
     assert script.by_phenomenon() == script.read("phenomena")
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("official_data")
+def test_pages__have_accuracies_on_seen_and_unseen_statements_of_the_outcomes():
+    runs = load_script("write_result_tables").runs_by_row()
+    pages = {row: (DOCS / name).read_text() for row, name in (("3", "imitation.md"), ("17", "game_experiments.md"))}
+    for (row, configuration), recordings in runs.items():
+        if row not in pages:
+            continue
+        known = frozenset(training_statements(Settings(configuration, "lilgym")))
+        seen = accuracy_where(recordings, lambda episode, known=known: episode.statement in known).mean
+        unseen = accuracy_where(recordings, lambda episode, known=known: episode.statement not in known).mean
+        assert f"{seen:.1f} / {unseen:.1f}" in pages[row], (row, configuration)
+
+
+def test_results__accuracies_on_new_statements_are_of_the_table():
+    _, *rows = load_script("write_result_tables").read("returns")
+    new = grouped((agent, f"{float(numbers[5].split()[0]):.1f}") for agent, _, *numbers in rows)
+    page = (DOCS / "results.md").read_text()
+    for agent in ("ppo+sf (greedy)", "imitation", "parse-and-plan"):
+        *firsts, last = new[agent]
+        assert f"{', '.join(firsts)} and {last}" in page, agent
 
 
 @pytest.mark.long
