@@ -21,8 +21,11 @@ _FOREIGN_NUMBER = re.compile(
     r"|\b\d{1,3}(?:\s\d{3})+\b"
 )
 _TOKEN = re.compile(r"\w+|[<>=!]=|[<>%]")
+_NEGATION = re.compile(
+    r"\b(?:no|none|not|neither|never|nothing|without|except)\b"
+    r"|\b(?:all|any|each|every)(?: \w+){1,2} but\b(?! (?:no|none|not|only)\b)"
+)
 # Words of statements, and what any program of a statement with one of them has one of
-_NEGATIONS = {"no", "none", "not", "neither", "never", "nothing", "without", "except"}
 _EXPRESSIONS = {
     "even odd": "%",
     "bigger larger smaller": "query_size get_set_sizes",
@@ -77,7 +80,7 @@ def doubts(
         elif word.isdecimal() and int(word) > 1 and not _has_number(int(word), tokens):
             yield f"the first reading does not have the number {word}"
     text = " ".join(words)
-    negations = [word for word in _COMPARED.sub("", text).split() if word in _NEGATIONS]
+    negations = _NEGATION.findall(_COMPARED.sub("", text))
     yield from _other_limits(text, program, is_negated=bool(negations))
     if negations and "empty" in words:
         negations.append("empty")

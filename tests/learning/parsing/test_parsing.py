@@ -405,6 +405,7 @@ DOUBTS = {
         "The left box doesn't hold more than two blocks.": "does not express 'more than 2'",
         "The left box is not empty.": "does not express 'not' and 'empty'",
         "No box is empty.": "does not express 'no' and 'empty'",
+        "Every box but the left has a blue block.": "does not express 'every box but'",
     },
 }
 
