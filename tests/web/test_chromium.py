@@ -196,8 +196,11 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     page.fill("#program", program)
     page.click("#run")
     page.wait_for_selector("#submit:not([disabled])")
-    page.dblclick("#submit")  # posted twice, kept once
+    posted = []
+    page.on("request", lambda request: posted.append(request.url) if "/annotations?" in request.url else None)
+    page.dblclick("#submit")
     page.wait_for_selector("#messages .success:has-text('hidden ones included')")
+    assert len(posted) == 1
     assert _in_viewport(page, "#messages .success")
     assert page.inner_text("#progress").startswith("1 of ")
     with page.expect_download() as download:
@@ -206,6 +209,22 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     page.click("text=Next statement")
     page.wait_for_selector("#work:not([aria-busy])")
     assert page.input_value("#program") == ""
+
+
+def test_annotate__a_late_answer_does_not_replace_the_statement_chosen_since(page):
+    _annotate(page)
+    late, chosen = [option.get_attribute("value") for option in page.locator("[name=statement] option").all()][1:3]
+    held = []
+    page.route(f"**/api/annotate/statement?*statement_id={late}*", lambda route: held.append(route))
+    for each in (late, chosen):
+        page.select_option("[name=statement]", each)
+    page.wait_for_url(f"**statement_id={chosen}*")
+    shown = page.inner_text("#statement")
+    with page.expect_response(f"**statement_id={late}*"):
+        held[0].continue_()
+    page.wait_for_load_state("networkidle")
+    assert page.inner_text("#statement") == shown
+    assert chosen in page.url
 
 
 def test_annotate__the_text_and_the_name_survive_a_reload(page):

@@ -31,13 +31,16 @@ function updateSubmit() {
 async function list(wanted) {
   const { appearance, split, name } = choice;
   lines = await request("GET", `/api/annotate/statements?${new URLSearchParams({ appearance: appearance.value, split: split.value, name: name.value })}`);
+  const chosen = wanted || choice.statement.value;
   choice.statement.replaceChildren(...lines.map((line) => element("option", { value: line.id }, `${line.done ? "✓ " : ""}${line.statement}`)));
-  if (lines.some((line) => line.id === wanted)) choice.statement.value = wanted;
+  if (lines.some((line) => line.id === chosen)) choice.statement.value = chosen;
   byId("progress").textContent = `${lines.filter((line) => line.done).length} of ${lines.length} statements have an accepted program of yours.`;
 }
 
 async function open() {
-  const found = await request("GET", `/api/annotate/statement?${query()}`);
+  const asked = String(query());
+  const found = await request("GET", `/api/annotate/statement?${asked}`);
+  if (asked !== String(query())) return; // another statement was chosen meanwhile
   byId("statement").textContent = found.statement;
   byId("hidden").textContent = found.hidden === 1 ? "1 hidden scene" : `${found.hidden} hidden scenes`;
   views.splice(0, Infinity, ...found.shown.map(({ scene }, index) => new SceneView(`Shown scene ${index + 1}`).show(scene)));
@@ -68,15 +71,15 @@ async function run() {
 }
 
 async function submit() {
-  if (!choice.name.reportValidity()) return;
+  if (byId("submit").getAttribute("aria-busy") || !choice.name.reportValidity()) return; // busy: a second click
   await attempt(async () => {
     const body = { program: editor.value, name: choice.name.value };
     const { accepted, message } = await request("POST", `/api/annotate/annotations?${query()}`, body);
-    if (accepted) await list(choice.statement.value);
+    if (accepted) await list();
     const next = lines.find((line) => !line.done);
     const go = accepted && next ? element("button", { type: "button", click: () => openStatement(next.id) }, "Next statement") : "";
     showMessage([`${message} `, go], accepted ? "success" : "error");
-  }, byId("work"));
+  }, byId("submit"));
 }
 
 function openStatement(id) {
@@ -88,7 +91,7 @@ choice.addEventListener("submit", (event) => event.preventDefault());
 for (const name of ["appearance", "split", "name"]) {
   choice[name].addEventListener("change", () => attempt(async () => {
     keep("annotator", choice.name.value);
-    await list(choice.statement.value);
+    await list();
     if (name !== "name") await open();
   }, byId("work")));
 }

@@ -12,7 +12,6 @@ class Editor {
     this.words = JSON.parse(byId("editor").dataset.words);
     this.completions = [];
     this.chosen = 0;
-    this.checkCount = 0; // identifies the latest syntax check
     this.text.addEventListener("input", () => this.changed());
     this.text.addEventListener("keydown", (event) => this.key(event));
     this.text.addEventListener("click", () => this.close());
@@ -37,14 +36,12 @@ class Editor {
   /** Checks the syntax on the server and marks the error in the text. */
   async check() {
     const text = this.value;
-    this.checkCount += 1;
-    const current = this.checkCount;
     if (!text.trim()) return this.showCheck({ ok: true });
     try {
       const result = await request("POST", "/api/annotate/check", { program: text });
-      if (current === this.checkCount) this.showCheck(result);
+      if (text === this.value) this.showCheck(result);
     } catch (fault) {
-      if (current === this.checkCount) byId("program-fault").textContent = fault.message;
+      if (text === this.value) byId("program-fault").textContent = fault.message;
     }
   }
 
