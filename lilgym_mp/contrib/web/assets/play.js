@@ -6,7 +6,6 @@ const expertView = new StepView(byId("expert-scene"), "A scene of the expert's s
 const OUTCOMES = { wrong_stop: "Wrong STOP", horizon: "Out of actions" };
 const asked = new URLSearchParams(location.search);
 let episode = null;
-let shown = null; // id of the episode whose cells the board has
 
 /** What the page does when it opens, when a task is drawn, after an episode, when one has begun, and when one has ended. */
 const page = {
@@ -37,6 +36,7 @@ async function draw(taskId, focuses) {
 }
 
 async function show(state) {
+  const isAnother = state.id !== episode?.id;
   episode = state;
   board.removable = state.removable;
   board.view.show(state.scene);
@@ -47,8 +47,7 @@ async function show(state) {
   byId("reward").textContent = signed(state.reward);
   byId("history").textContent = state.actions.length ? `So far: ${state.actions.join(", ")}` : "";
   byId("scatter-item-type").hidden = !state.grid;
-  if (shown !== state.id) board.makeCells(state.grid);
-  shown = state.id;
+  if (isAnother) board.makeCells(state.grid);
   board.enable(!state.over);
   for (const id of ["tools", "stop", "legal"]) byId(id).hidden = state.over;
   byId("messages").classList.toggle("reserved", !state.over);
@@ -128,6 +127,7 @@ function choose({ configuration, split }) {
   if (split) select(setup.split, split);
 }
 
+const isDrawing = () => byId("episode").getAttribute("aria-busy"); // a second click is ignored
 const press = (id) => () => byId(id)?.checkVisibility() && byId(id).click();
 const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution") };
 onKeys(byId("episode").parentElement, { ...board.keys, ...keys });
@@ -140,7 +140,7 @@ on("setup", "change", (event) => {
   page.draw(false);
 });
 on("stop", "click", () => act("STOP"));
-on("next", "click", () => page.next(true));
-on("again", "click", () => begin(episode.task_id));
+on("next", "click", () => isDrawing() || page.next(true));
+on("again", "click", () => isDrawing() || begin(episode.task_id));
 on("solution", "click", showExpert);
 document.addEventListener("DOMContentLoaded", () => attempt(open, byId("episode"))); // after all scripts
