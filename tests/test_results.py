@@ -14,6 +14,7 @@ TESTED = {  # runs with seed 0; rows of docs/test_split.md
     "ppo": "PPO with stop forcing, 1.5 million steps",
     "sb3": "MaskablePPO of SB3, 1.5 million steps",
     "imitation": "imitation",
+    "reward-model": "[reward model](reward_model.md), 25,000 updates",
     "parse-and-plan-0": "parse and plan, 6,000 updates",
     "parse-and-plan": "parse and plan, included",
 }
@@ -79,9 +80,3 @@ def test_agents__accuracies_of_the_included_agents_are_of_their_outcomes():
     page = (ROOT / "docs/agents.md").read_text()
     for (run, _), pair in cells.items():
         assert f"| {pair[0]} / {pair[1]} |\n" in page, run
-
-
-def test_readme__has_the_reward_models_accuracies_on_dev():
-    page = (ROOT / "docs/reward_model.md").read_text()
-    for cell in row("README.md", "## Results", "reward model, search ⁷"):
-        assert f"| {cell.partition(' ')[0]} ± " in page
