@@ -54,26 +54,37 @@ def test_readme__has_the_accuracies_of_the_pages(name):
         assert cell.strip(" ⁵") == (pair if " / " in pair else alone)
 
 
-def outcomes(is_meant):
-    """The agent, the index of the configuration and the accuracy of the rows of outcomes.csv that are meant."""
+def outcomes(*rows):
+    """The agent, actions, index of the configuration, and accuracy of these rows of outcomes.csv."""
     with (ROOT / "docs/results/outcomes.csv").open() as file:
-        found = [each for each in csv.DictReader(file) if each["actions"] != "sampled" and is_meant(each)]
-    assert found
+        found = [each for each in csv.DictReader(file) if each["row"] in rows]
+    assert {each["row"] for each in found} == {*rows}
     for each in found:
         share = fmean(map(int, each["successes"])) / int(each["episodes"])
-        yield each["run"], BUILTIN_CONFIGURATIONS.index(each["configuration"]), f"{100 * share:.1f}"
+        column = BUILTIN_CONFIGURATIONS.index(each["configuration"])
+        yield each["run"], each["actions"], column, f"{100 * share:.1f}"
 
 
 def test_test_split__dev_is_of_the_outcomes_of_the_tested_agents():
-    for run, column, accuracy in outcomes(lambda each: each["row"] == "tested"):
+    for run, actions, column, accuracy in outcomes("tested"):
         name = next(name for start, name in TESTED.items() if run.startswith(start))
         cell = row("docs/test_split.md", "Start scenes of test:", name)[column]
-        assert cell.partition(" / ")[0] in (accuracy, ""), run
+        assert actions == "sampled" or cell.partition(" / ")[0] in (accuracy, ""), run
+
+
+def test_stable_baselines3__accuracies_of_the_recipe_are_of_their_outcomes():
+    cells = defaultdict(lambda: defaultdict(dict))
+    for run, actions, column, accuracy in outcomes("sb3"):
+        cells[column][run][actions] = accuracy
+    page = (ROOT / "docs/stable_baselines3.md").read_text()
+    for runs in cells.values():
+        seeds = [f"{runs[run]['greedy']} / {runs[run]['sampled']}" for run in sorted(runs)]
+        assert f"| {' | '.join(seeds)} |" in page
 
 
 def test_agents__accuracies_of_the_included_agents_are_of_their_outcomes():
     cells = defaultdict(dict)
-    for run, column, accuracy in outcomes(lambda each: each["row"] in ("6", "7", "included")):
+    for run, _, column, accuracy in outcomes("6", "7", "included"):
         appearance, is_flipit = divmod(column, 2)
         cells[run, appearance][is_flipit] = accuracy
     assert len(cells) == 6
