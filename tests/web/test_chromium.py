@@ -211,20 +211,73 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(opened, size):
     assert page.input_value("#program") == ""
 
 
+@contextmanager
+def _late(page, path):
+    """The first response from `path` comes after the block."""
+    held = []
+    page.route(path, lambda route: held.append(route), times=1)
+    yield
+    with page.expect_response(path):
+        held[0].continue_()
+    page.wait_for_timeout(100)  # for the page to read it
+
+
 def test_annotate__a_late_answer_does_not_replace_the_statement_chosen_since(page):
     _annotate(page)
     late, chosen = [option.get_attribute("value") for option in page.locator("[name=statement] option").all()][1:3]
-    held = []
-    page.route(f"**/api/annotate/statement?*statement_id={late}*", lambda route: held.append(route))
-    for each in (late, chosen):
-        page.select_option("[name=statement]", each)
-    page.wait_for_url(f"**statement_id={chosen}*")
-    shown = page.inner_text("#statement")
-    with page.expect_response(f"**statement_id={late}*"):
-        held[0].continue_()
-    page.wait_for_load_state("networkidle")
+    with _late(page, f"**/api/annotate/statement?*statement_id={late}*"):
+        for each in (late, chosen):
+            page.select_option("[name=statement]", each)
+        page.wait_for_url(f"**statement_id={chosen}*")
+        shown = page.inner_text("#statement")
     assert page.inner_text("#statement") == shown
     assert chosen in page.url
+
+
+def test_annotate__late_values_are_not_shown_beside_the_statement_chosen_since(page):
+    _annotate(page)
+    with _late(page, "**/api/annotate/run?*"):
+        page.fill("#program", "exist(all_items)")
+        page.click("#run")
+        page.select_option("[name=statement]", index=1)
+        page.wait_for_selector("#work:not([aria-busy])")
+    assert page.inner_text("#result") == page.inner_text("#messages") == ""
+
+
+def test_sentence__a_late_answer_does_not_replace_that_to_the_last_question(page):
+    pytest.importorskip("torch")
+    page.goto("/sentence")
+    with _late(page, "**/api/sentence"):
+        for colour in ("blue", "yellow"):
+            page.fill("[name=sentence]", f"There is a {colour} block.")
+            page.click("#ask .primary")
+        page.wait_for_selector("#answer-title:has-text('yellow')")
+    assert "yellow" in page.inner_text("#answer-title")
+
+
+def test_watch__a_late_answer_does_not_replace_the_recording_chosen_since(opened, runs):
+    page = opened(runs=runs).page
+    page.goto("/watch")
+    page.wait_for_selector("#viewer .strip img")
+    chosen = page.input_value("#recording")
+    late = page.get_attribute(f"#recording option:not([value='{chosen}'])", "value")
+    shown = page.inner_text("#about-title")
+    with _late(page, f"**/api/watch/recordings/{late}"):
+        page.select_option("#recording", late)
+        with page.expect_response(f"**/api/watch/recordings/{chosen}"):
+            page.select_option("#recording", chosen)
+    assert page.inner_text("#about-title") == shown
+    assert page.input_value("#recording") == chosen
+
+
+def test_play__a_late_solution_is_not_shown_beside_another_task(page):
+    _begin(page)
+    begun = page.evaluate("episode.id")
+    with _late(page, "**/solution"):
+        page.keyboard.press("e")
+        page.click("#setup [type=submit]")
+        page.wait_for_function("id => episode.id !== id", arg=begun)
+    assert page.is_hidden("#expert")
 
 
 def test_annotate__the_text_and_the_name_survive_a_reload(page):

@@ -22,6 +22,8 @@ function keep(name, text) {
 }
 
 const query = () => new URLSearchParams({ appearance: choice.appearance.value, split: choice.split.value, statement_id: choice.statement.value });
+/** Whether the same statement is chosen as now. */
+const unlessChanged = (asked = String(query())) => () => asked === String(query());
 const draftKey = () => `draft ${query()}`;
 
 function updateSubmit() {
@@ -38,9 +40,7 @@ async function list(wanted) {
 }
 
 async function open() {
-  const asked = String(query());
-  const found = await request("GET", `/api/annotate/statement?${asked}`);
-  if (asked !== String(query())) return; // another statement was chosen meanwhile
+  const found = await request("GET", `/api/annotate/statement?${query()}`, undefined, unlessChanged());
   byId("statement").textContent = found.statement;
   byId("hidden").textContent = found.hidden === 1 ? "1 hidden scene" : `${found.hidden} hidden scenes`;
   views.splice(0, Infinity, ...found.shown.map(({ scene }, index) => new SceneView(`Shown scene ${index + 1}`).show(scene)));
@@ -57,7 +57,7 @@ async function open() {
 async function run() {
   const text = editor.value;
   await attempt(async () => {
-    const values = await request("POST", `/api/annotate/run?${query()}`, { program: text });
+    const values = await request("POST", `/api/annotate/run?${query()}`, { program: text }, unlessChanged());
     const wrong = values.filter((value) => value.truth !== value.label).length;
     agreeing = wrong ? null : text;
     updateSubmit();

@@ -1,13 +1,15 @@
 // Used by every page: requests to the server, messages, DOM elements.
 
+const OUTDATED = -1; // status of a response that came after the user chose something else; it is dropped
+
 /** An error with a message to display. */
 const requestError = (status, message) => Object.assign(new Error(message), { status });
 
 /** The URL of a path of the server, relative to the page, as a proxy may add a prefix. */
 const url = (path) => document.documentElement.dataset.root + path.slice(1);
 
-/** Sends a request and returns the JSON response; throws a requestError. */
-async function request(method, path, body) {
+/** Sends a request and returns the JSON response; throws a requestError, also if the response is not wanted any more when it comes. */
+async function request(method, path, body, isWanted = () => true) {
   const headers = { Accept: "application/json" };
   if (body !== undefined) headers["Content-Type"] = "application/json";
   let response;
@@ -16,14 +18,10 @@ async function request(method, path, body) {
   } catch {
     throw requestError(0, "the server cannot be reached; your input is kept here: try again");
   }
-  const text = await response.text();
-  let data = null;
-  try {
-    data = text ? JSON.parse(text) : null;
-  } catch {
-    throw requestError(response.status, "the server's response cannot be read");
-  }
-  if (!response.ok) throw requestError(response.status, (data && data.message) || response.statusText);
+  const data = await response.json().catch(() => null);
+  if (!isWanted()) throw requestError(OUTDATED, "outdated");
+  if (data === null) throw requestError(response.status, "the server's response cannot be read");
+  if (!response.ok) throw requestError(response.status, data.message || response.statusText);
   return data;
 }
 
@@ -54,8 +52,7 @@ async function attempt(action, busy = null) {
     return await action();
   } catch (fault) {
     if (fault.status === undefined) throw fault;
-    showMessage(fault.message, "error");
-    return undefined;
+    if (fault.status !== OUTDATED) showMessage(fault.message, "error");
   } finally {
     if (busy) busy.removeAttribute("aria-busy");
   }

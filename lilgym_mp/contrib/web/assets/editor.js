@@ -38,8 +38,7 @@ class Editor {
     const text = this.value;
     if (!text.trim()) return this.showCheck({ ok: true });
     try {
-      const result = await request("POST", "/api/annotate/check", { program: text });
-      if (text === this.value) this.showCheck(result);
+      this.showCheck(await request("POST", "/api/annotate/check", { program: text }, () => text === this.value));
     } catch (fault) {
       if (text === this.value) byId("program-fault").textContent = fault.message;
     }

@@ -86,7 +86,8 @@ async function showEnd() {
 
 async function showExpert() {
   await attempt(async () => {
-    const expert = await request("POST", `/api/play/episodes/${episode.id}/solution`);
+    const { id } = episode;
+    const expert = await request("POST", `/api/play/episodes/${id}/solution`, undefined, () => id === episode.id);
     byId("expert").hidden = false;
     const optimality = expert.proven_shortest ? "No shorter solution exists." : "A shorter one may exist.";
     byId("expert-line").textContent = expert.found

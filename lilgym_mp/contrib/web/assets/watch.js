@@ -181,9 +181,9 @@ function remember(values) {
 }
 
 async function openRecording(id) {
-  recording = await request("GET", `/api/watch/recordings/${id}`);
-  const { agent, configuration, outcomes, successes, episodes, split, rules, mask } = recording;
   byId("recording").value = id;
+  recording = await request("GET", `/api/watch/recordings/${id}`, undefined, () => byId("recording").value === id);
+  const { agent, configuration, outcomes, successes, episodes, split, rules, mask } = recording;
   byId("about").hidden = byId("finder").hidden = false;
   byId("about-title").textContent = `${agent}, ${configuration}`;
   const ends = Object.entries(outcomes).map(([name, count]) => `${words(name)} ${count}`).join(", ");
@@ -231,16 +231,16 @@ async function openFirst() {
 
 async function openEpisode(index, initialStep = 0, focuses = false) {
   const current = (openCount += 1);
+  const isWanted = () => current === openCount;
   pause();
   const opened = [[recording, index]];
   if (byId("beside").value) {
-    const other = await request("GET", `/api/watch/recordings/${byId("beside").value}`);
+    const other = await request("GET", `/api/watch/recordings/${byId("beside").value}`, undefined, isWanted);
     const same = other.played.find((line) => line.task === recording.played[index].task);
     if (same) opened.push([other, same.index]);
     else showMessage("The other recording has no episode of this task.");
   }
-  const episodes = await Promise.all(opened.map(([{ id }, at]) => request("GET", `/api/watch/recordings/${id}/episodes/${at}`)));
-  if (current !== openCount) return;
+  const episodes = await Promise.all(opened.map(([{ id }, at]) => request("GET", `/api/watch/recordings/${id}/episodes/${at}`, undefined, isWanted)));
   sides.length = 0;
   opened.forEach(([source], at) => sides.push(new Side(source, episodes[at])));
   byId("sides").replaceChildren(...sides.map((side) => side.root));
@@ -281,6 +281,7 @@ async function start(id = null) {
 
 on("request", "submit", (event) => {
   event.preventDefault();
+  if (event.target.getAttribute("aria-busy")) return; // a second click
   attempt(async () => {
     showMessage("The agent is playing twelve tasks; this may take half a minute.");
     const [agent, configuration] = event.target.play.value.split(" ");
