@@ -22,7 +22,7 @@ function keep(name, text) {
 }
 
 const query = () => new URLSearchParams({ appearance: choice.appearance.value, split: choice.split.value, statement_id: choice.statement.value });
-/** Whether the same statement is chosen as now. */
+/** A function that says whether the statement chosen now is still the one chosen. */
 const unlessChanged = (asked = String(query())) => () => asked === String(query());
 const draftKey = () => `draft ${query()}`;
 
