@@ -77,7 +77,7 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
         rgb = PENDING_RGB
         if step == last:
             rgb = SUCCESS_RGB if episode.is_success else FAILURE_RGB
-            caption += f": {outcome_words(episode.outcome)}, return {episode.reward:+.1f}".replace("-", "−")
+            caption += f": {outcome_words(episode.outcome)}, return {episode.reward:+.1f}"
         yield FilmFrame(smooth_picture(scene, 1), task, caption, rgb, program(scene), episode.target)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from PIL import Image, ImageSequence
+from PIL import Image, ImageFont, ImageSequence
 
 from lilgym_mp.evaluation import Episode, Settings
 from lilgym_mp.evaluation.film import (
@@ -36,6 +36,11 @@ def test_episode_frames__show_the_start_and_each_action():
     assert {frame.target for frame in (start, added, stopped)} == {True}
     assert (stopped.caption, stopped.rgb) == ("2. STOP: success, return +0.9", SUCCESS_RGB)
     assert "I can see a blue block." in start.task
+    font = ImageFont.load_default(15)
+    failed = list(episode_frames(TOWER.make("dev"), UNSEEN))[-1].caption
+    assert failed == "1. STOP: wrong STOP, return -1.0"
+    drawn = {letter: bytes(font.getmask(letter)) for letter in failed.replace(" ", "")}
+    assert bytes(font.getmask("\N{OBJECT REPLACEMENT CHARACTER}")) not in drawn.values()  # the font has each
 
 
 def test_film_frames__waits_for_the_longest_episode(tmp_path):
