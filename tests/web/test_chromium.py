@@ -280,6 +280,30 @@ def test_play__a_late_solution_is_not_shown_beside_another_task(page):
     assert page.is_hidden("#expert")
 
 
+def test_sentence__a_late_failure_is_not_shown_beside_the_answer_to_the_last_question(opened):
+    pytest.importorskip("torch")
+    page = opened().page
+    page.goto("/sentence")
+    held = []
+    page.route("**/api/sentence", lambda route: held.append(route), times=1)
+    for colour in ("blue", "yellow"):
+        page.fill("[name=sentence]", f"There is a {colour} block.")
+        page.click("#ask .primary")
+    page.wait_for_selector("#answer-title:has-text('yellow')")
+    held[0].abort()
+    page.wait_for_timeout(100)
+    assert page.inner_text("#messages") == ""
+
+
+def test_game__a_second_click_on_begin_is_ignored(page):
+    begun = []
+    page.on("request", lambda request: begun.append(request) if request.url.endswith("/api/game/games") else None)
+    page.goto("/game")
+    page.dblclick("#setup [type=submit]")
+    page.wait_for_selector("#seat:not([hidden]):not([aria-busy])")
+    assert len(begun) == 1
+
+
 def test_annotate__the_text_and_the_name_survive_a_reload(page):
     _annotate(page)
     page.fill("[name=name]", "Ada")

@@ -71,7 +71,7 @@ async function run() {
 }
 
 async function submit() {
-  if (byId("submit").getAttribute("aria-busy") || !choice.name.reportValidity()) return; // busy: a second click
+  if (isBusy("submit") || !choice.name.reportValidity()) return;
   await attempt(async () => {
     const body = { program: editor.value, name: choice.name.value };
     const { accepted, message } = await request("POST", `/api/annotate/annotations?${query()}`, body);

@@ -16,7 +16,7 @@ async function request(method, path, body, isWanted = () => true) {
   try {
     response = await fetch(url(path), { method, headers, body: body === undefined ? body : JSON.stringify(body) });
   } catch {
-    throw requestError(0, "the server cannot be reached; your input is kept here: try again");
+    throw requestError(isWanted() ? 0 : OUTDATED, "the server cannot be reached; your input is kept here: try again");
   }
   const data = await response.json().catch(() => null);
   if (!isWanted()) throw requestError(OUTDATED, "outdated");
@@ -59,6 +59,7 @@ async function attempt(action, busy = null) {
 }
 
 const byId = (id) => document.getElementById(id);
+const isBusy = (id) => byId(id).getAttribute("aria-busy"); // then a second click is ignored
 const on = (id, name, action) => byId(id)?.addEventListener(name, action);
 const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");

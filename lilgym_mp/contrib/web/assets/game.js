@@ -25,13 +25,11 @@ function applyPreset() {
   showProtocol();
 }
 
-async function begin() {
-  await attempt(async () => {
-    const created = await request("POST", "/api/game/games", Object.fromEntries(new FormData(setup)));
-    otherKey = created.proposer && created.verifier ? created.verifier : null;
-    await takeSeat(created.proposer || created.verifier);
-  }, byId("seat"));
-}
+const begin = () => isBusy("seat") || attempt(async () => {
+  const created = await request("POST", "/api/game/games", Object.fromEntries(new FormData(setup)));
+  otherKey = created.proposer && created.verifier ? created.verifier : null;
+  await takeSeat(created.proposer || created.verifier);
+}, byId("seat"));
 
 async function takeSeat(newKey) {
   key = newKey;

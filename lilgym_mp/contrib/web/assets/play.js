@@ -128,7 +128,6 @@ function choose({ configuration, split }) {
   if (split) select(setup.split, split);
 }
 
-const isDrawing = () => byId("episode").getAttribute("aria-busy"); // a second click is ignored
 const press = (id) => () => byId(id)?.checkVisibility() && byId(id).click();
 const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution") };
 onKeys(byId("episode").parentElement, { ...board.keys, ...keys });
@@ -141,7 +140,7 @@ on("setup", "change", (event) => {
   page.draw(false);
 });
 on("stop", "click", () => act("STOP"));
-on("next", "click", () => isDrawing() || page.next(true));
-on("again", "click", () => isDrawing() || begin(episode.task_id));
+on("next", "click", () => isBusy("episode") || page.next(true));
+on("again", "click", () => isBusy("episode") || begin(episode.task_id));
 on("solution", "click", showExpert);
 document.addEventListener("DOMContentLoaded", () => attempt(open, byId("episode"))); // after all scripts

@@ -281,7 +281,7 @@ async function start(id = null) {
 
 on("request", "submit", (event) => {
   event.preventDefault();
-  if (event.target.getAttribute("aria-busy")) return; // a second click
+  if (isBusy("request")) return;
   attempt(async () => {
     showMessage("The agent is playing twelve tasks; this may take half a minute.");
     const [agent, configuration] = event.target.play.value.split(" ");
