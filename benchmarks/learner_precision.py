@@ -38,6 +38,8 @@ def main() -> None:
     parser.add_argument("--envs", type=int)
     parser.add_argument("--rounds", type=int, default=20)
     args = parser.parse_args()
+    if args.rounds < 2:
+        parser.error(f"--rounds must be at least 2, as the first one does not count, not {args.rounds}")
     settings = Settings(args.configuration, corpus=args.corpus)
     chosen = {"envs": args.envs} if args.envs else {}
     full = PPORecipe.of(args.configuration, args.recipe, model=args.model, reduced_precision=False, **chosen)
