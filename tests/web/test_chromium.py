@@ -295,13 +295,21 @@ def test_sentence__a_late_failure_is_not_shown_beside_the_answer_to_the_last_que
     assert page.inner_text("#messages") == ""
 
 
-def test_game__a_second_click_on_begin_is_ignored(page):
-    begun = []
-    page.on("request", lambda request: begun.append(request) if request.url.endswith("/api/game/games") else None)
-    page.goto("/game")
-    page.dblclick("#setup [type=submit]")
-    page.wait_for_selector("#seat:not([hidden]):not([aria-busy])")
-    assert len(begun) == 1
+@pytest.mark.parametrize(
+    ("path", "form", "shown", "requested"),
+    [
+        ("/game", "#setup", "#seat:not([hidden]):not([aria-busy])", "/api/game/games"),
+        ("/watch", "#request", "#viewer .strip img", "/api/watch/recordings"),
+    ],
+)
+def test_submit__a_second_click_is_ignored(page, path, form, shown, requested):
+    pytest.importorskip("torch")
+    posted = []
+    page.on("request", lambda request: posted.append(request) if request.method == "POST" else None)
+    page.goto(path)
+    page.locator(f"{form} [type=submit]").evaluate("button => [button.click(), button.click()]")
+    page.wait_for_selector(shown)
+    assert [request.url.endswith(requested) for request in posted] == [True]
 
 
 def test_annotate__the_text_and_the_name_survive_a_reload(page):
