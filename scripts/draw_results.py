@@ -5,7 +5,7 @@
     python scripts/draw_results.py --calibration RECORDING ...
 
 `--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
-of Scratch that have no image in the corpus. The rows `paper` and `paper-sf` are C3+BERT with the paper's recipe.
+of Scratch that have no image in the corpus. The rows that begin with `paper` are C3+BERT with the paper's recipe.
 `--calibration` first writes calibration.csv from recordings made with --record-decisions: for each bin of the predicted
 success, the mean prediction, the episodes and the successes.
 Accuracy by edits is that of outcomes.csv and needs the official data.
@@ -58,6 +58,7 @@ CALIBRATION_EDGES = (0.5, 0.8, 0.95, 1.0)  # upper edges of bins of the predicte
 PAPER_CURVES = {  # rows of the chart of C3+BERT with the paper's recipe
     "paper-sf": "PPO+SF",
     "paper": "PPO",
+    "paper-no-bonus": "PPO, no entropy bonus",
 }
 
 

@@ -9,10 +9,10 @@ the order of the file, the number of its episodes that succeeded. Which statemen
 official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
-`paper` and `paper-sf` are C3+BERT with the paper's recipe, whose table is in docs/training.md, `tested` the agents of
-docs/test_split.md, `included` those agents of docs/agents.md that have no row here, `sb3` runs of
-docs/stable_baselines3.md. `--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished
-runs into runs.csv, which knows them and their commands by name.
+`paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
+last without the entropy bonus), `tested` the agents of docs/test_split.md, `included` those agents of docs/agents.md
+that have no row here, `sb3` runs of docs/stable_baselines3.md. `--runs` writes commit, processor, CPU minutes, budget
+and digest of an experiment's finished runs into runs.csv, which knows them and their commands by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
