@@ -10,9 +10,10 @@ official data, so that the recordings themselves, which contain statements, need
 recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
 `paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
-last without the entropy bonus), `tested` the agents of docs/test_split.md, `included` those agents of docs/agents.md
-that have no row here, `sb3` runs of docs/stable_baselines3.md. `--runs` writes commit, processor, CPU minutes, budget
-and digest of an experiment's finished runs into runs.csv, which knows them and their commands by name.
+last without the entropy bonus), `tested` the agents of docs/test_split.md, `default` parse and plan by default, in
+docs/agents.md, `included` those agents of that page that have no row here, `sb3` runs of docs/stable_baselines3.md.
+`--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which
+knows them and their commands by name.
 
 A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
@@ -83,8 +84,8 @@ class Outcomes(NamedTuple):
         return SimpleNamespace(episodes=tuple(episodes))
 
 
-def tasks(configuration: str) -> TaskSet:
-    return load_tasks("lilgym", *CONFIGURATIONS[configuration], "dev")
+def tasks(configuration: str, split: str = "dev") -> TaskSet:
+    return load_tasks("lilgym", *CONFIGURATIONS[configuration], split)
 
 
 def recorded(row: str, file: Path) -> Outcomes:
@@ -225,6 +226,19 @@ def paper_cells() -> Iterator[str]:
     for runs in grouped((each.run, each) for each in all_outcomes if each.row.startswith("paper")).values():
         of_mode = {each.actions: accuracy_where([each.recording()]) for each in runs}
         yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
+
+
+def default_cells() -> Iterator[str]:
+    """The cells of docs/agents.md for parse and plan by default: accuracy on all and on unseen statements."""
+    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
+    runs = grouped((each.configuration, each.recording()) for each in all_outcomes if each.row == "default")
+    seen = {name: {task.statement for task in tasks(name, "train")} for name in CONFIGURATIONS}
+    for left_out in ({}, seen):
+        found = [
+            accuracy_where(runs[name], lambda episode, without=left_out.get(name, ()): episode.statement not in without)
+            for name in CONFIGURATIONS
+        ]
+        yield " | ".join(cast("MeanStd", each)._replace(low=None).text(1) for each in found)
 
 
 def accuracies() -> list[list[str]]:

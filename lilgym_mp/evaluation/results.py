@@ -205,7 +205,7 @@ def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> l
 def training_statements(settings: EnvConfig, named: NamedPolicy | None = None) -> set[str]:
     """The statements of the training split of the corpus that the policy was trained on; else of the settings' corpus.
 
-    None if that corpus has no such split, or is not here.
+    Empty if that corpus has no such split, or is not here.
     """
     recipe = {} if named is None else named.details.get("recipe", {})
     trained_on = recipe.get("corpus", settings.corpus)
