@@ -233,9 +233,9 @@ def default_cells() -> Iterator[str]:
     all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
     runs = grouped((each.configuration, each.recording()) for each in all_outcomes if each.row == "default")
     seen = {name: {task.statement for task in tasks(name, "train")} for name in CONFIGURATIONS}
-    for left_out in ({}, seen):
+    for left_out in (dict.fromkeys(CONFIGURATIONS, frozenset[str]()), seen):
         found = [
-            accuracy_where(runs[name], lambda episode, without=left_out.get(name, ()): episode.statement not in without)
+            accuracy_where(runs[name], lambda episode, without=left_out[name]: episode.statement not in without)
             for name in CONFIGURATIONS
         ]
         yield " | ".join(cast("MeanStd", each)._replace(low=None).text(1) for each in found)
