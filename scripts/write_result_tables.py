@@ -214,24 +214,25 @@ def last_line(file: Path) -> dict[str, Any]:
     return json.loads(file.read_text().splitlines()[-1]) if file.is_file() else {}
 
 
+def outcomes() -> list[Outcomes]:
+    return [Outcomes(*line) for line in read("outcomes")[1:]]
+
+
 def runs_by_row() -> dict[tuple[str, str], list[Any]]:
     """The recordings of each row of the table of accuracies and configuration."""
-    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
-    return grouped(((each.row, each.configuration), each.recording()) for each in all_outcomes if each.row.isdigit())
+    return grouped(((each.row, each.configuration), each.recording()) for each in outcomes() if each.row.isdigit())
 
 
 def paper_cells() -> Iterator[str]:
     """The cells of docs/training.md for each run with the paper's recipe: accuracy with sampled and greedy actions."""
-    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
-    for runs in grouped((each.run, each) for each in all_outcomes if each.row.startswith("paper")).values():
+    for runs in grouped((each.run, each) for each in outcomes() if each.row.startswith("paper")).values():
         of_mode = {each.actions: accuracy_where([each.recording()]) for each in runs}
         yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
 
 
 def default_cells() -> Iterator[str]:
     """The cells of docs/agents.md for parse and plan by default: accuracy on all and on unseen statements."""
-    all_outcomes = [Outcomes(*line) for line in read("outcomes")[1:]]
-    runs = grouped((each.configuration, each.recording()) for each in all_outcomes if each.row == "default")
+    runs = grouped((each.configuration, each.recording()) for each in outcomes() if each.row == "default")
     seen = {name: {task.statement for task in tasks(name, "train")} for name in CONFIGURATIONS}
     for left_out in (dict.fromkeys(CONFIGURATIONS, frozenset[str]()), seen):
         found = [
