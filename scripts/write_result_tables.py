@@ -48,6 +48,7 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
+from lilgym_mp.evaluation.results import rounded
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
 from lilgym_mp.scene.grouping import grouped
@@ -230,16 +231,50 @@ def paper_cells() -> Iterator[str]:
         yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
 
 
+def pairs() -> Iterable[list[str]]:
+    """The names of an appearance's two configurations, for each appearance."""
+    return grouped((appearance, name) for name, (appearance, _) in CONFIGURATIONS.items()).values()
+
+
+def by_novelty(row: str, configuration: str) -> list[MeanStd]:
+    """The accuracy of a row of outcomes.csv on all statements, on those of train, and on the others."""
+    runs = [each.recording() for each in outcomes() if (each.row, each.configuration) == (row, configuration)]
+    seen = {task.statement for task in tasks(configuration, "train")}
+    predicates = (None, lambda episode: episode.statement in seen, lambda episode: episode.statement not in seen)
+    return [cast("MeanStd", accuracy_where(runs, predicate)) for predicate in predicates]
+
+
 def default_cells() -> Iterator[str]:
     """The cells of docs/agents.md for parse and plan by default: accuracy on all and on unseen statements."""
-    runs = grouped((each.configuration, each.recording()) for each in outcomes() if each.row == "default")
-    seen = {name: {task.statement for task in tasks(name, "train")} for name in CONFIGURATIONS}
-    for left_out in (dict.fromkeys(CONFIGURATIONS, frozenset[str]()), seen):
-        found = [
-            accuracy_where(runs[name], lambda episode, without=left_out[name]: episode.statement not in without)
-            for name in CONFIGURATIONS
-        ]
-        yield " | ".join(cast("MeanStd", each)._replace(low=None).text(1) for each in found)
+    everywhere, _, unseen = zip(*(by_novelty("default", name) for name in CONFIGURATIONS), strict=True)
+    for found in (everywhere, unseen):
+        yield " | ".join(each._replace(low=None).text(1) for each in found)
+
+
+def imitation_cells() -> Iterator[str]:
+    """The cells of docs/imitation.md for each appearance: accuracy on all, seen and unseen statements."""
+    for pair in pairs():
+        found = [by_novelty("3", name) for name in pair]
+        yield " | ".join(
+            f"{everywhere._replace(low=None).text(1)} ({rounded(seen.mean, 1)} / {rounded(unseen.mean, 1)})"
+            for everywhere, seen, unseen in found
+        )
+
+
+def ppo_cells() -> Iterator[str]:
+    """The cells of docs/training.md for PPO: accuracy with greedy and sampled actions, and on unseen statements."""
+    for pair in pairs():
+        found = [zip(by_novelty("4", name), by_novelty("5", name), strict=True) for name in pair]
+        everywhere, _, unseen = zip(*found, strict=True)
+        yield " | ".join(map(_greedy_and_sampled, everywhere))
+        yield " | ".join(map(_greedy_and_sampled, unseen))
+    alone = zip(by_novelty("11", "ScatterScratch"), by_novelty("12", "ScatterScratch"), strict=True)
+    yield _greedy_and_sampled(next(alone))
+
+
+def _greedy_and_sampled(pair: tuple[MeanStd, MeanStd]) -> str:
+    greedy, sampled = pair
+    return f"{rounded(greedy.mean, 1)} / {rounded(sampled.mean, 1)}"
 
 
 def accuracies() -> list[list[str]]:

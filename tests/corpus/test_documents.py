@@ -89,7 +89,15 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("official_data")
-@pytest.mark.parametrize(("name", "made"), [("training.md", "paper_cells"), ("agents.md", "default_cells")])
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("training.md", "paper_cells"),
+        ("training.md", "ppo_cells"),
+        ("agents.md", "default_cells"),
+        ("imitation.md", "imitation_cells"),
+    ],
+)
 def test_page__has_the_recorded_accuracy_of_each_run(name, made):
     page = (DOCS / name).read_text()
     cells = [*getattr(load_script("write_result_tables"), made)()]
