@@ -58,6 +58,8 @@ def test_figure_10__counts_the_edits_of_each_cell_by_kind(tmp_path):
     added, removed = maps.values()
     assert added[4, 0] == added.sum() == 100
     assert (removed[0, 0], removed[4, 18], removed.sum()) == (80, 20, 100)
+    chart.figure.draw_without_rendering()
+    assert chart.figure.get_tightbbox().ymax * chart.figure.dpi < chart.figure.bbox.height  # no title is cut
 
 
 def test_figure_10__without_edits_of_cells_says_so(tmp_path):
