@@ -3,11 +3,13 @@
     python scripts/draw_results.py
     python scripts/draw_results.py --row 13 RUN ...
     python scripts/draw_results.py --calibration RECORDING ...
+    python scripts/draw_results.py --cells NAME RECORDING ...
 
 `--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
 of Scratch that have no image in the corpus. The rows that begin with `paper` are C3+BERT with the paper's recipe.
 `--calibration` first writes calibration.csv from recordings made with --record-decisions: for each bin of the predicted
 success, the mean prediction, the episodes and the successes.
+`--cells` first adds the edits of an agent of Scatter to cells.csv: how many name each cell of the grid.
 Accuracy by edits is that of outcomes.csv and needs the official data.
 """
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 import argparse
 import json
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +28,7 @@ import numpy as np
 from write_result_tables import RESULTS, read, runs_by_row, tasks, write
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart, save
+from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, heat_maps, line_chart, save
 from lilgym_mp.contrib.report.items import Chart
 from lilgym_mp.contrib.report.learning_curves import PROGRAM_ACCURACY, mean_line
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -34,6 +37,8 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RUN_FILE
+from lilgym_mp.scene.actions import AddItem, RemoveItem
+from lilgym_mp.scene.appearances.grids import checked_grid
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver import Solver
 
@@ -152,6 +157,29 @@ def calibration() -> Any:
     return figure
 
 
+def add_cells(agent: str, recordings: Sequence[Path]) -> None:
+    """Adds an agent's edits to cells.csv, in place of its earlier ones."""
+    episodes = (episode for recording in recordings for episode in read_episodes(recording).episodes)
+    edits = (action for episode in episodes for action in episode.actions if isinstance(action, AddItem | RemoveItem))
+    counts = Counter(("ADD" if isinstance(edit, AddItem) else "REMOVE", edit.row, edit.column) for edit in edits)
+    head, *known = read("cells")
+    new = [[agent, *map(str, cell), str(count)] for cell, count in sorted(counts.items())]
+    write("cells", [head, *(row for row in known if row[0] != agent), *new])
+
+
+def cells() -> Any:
+    """Figure 10: the share of an agent's edits that name each cell of Scatter's grid."""
+    found = grouped(((agent, edit), tuple(map(int, rest))) for agent, edit, *rest in read("cells")[1:])
+    columns, rows = checked_grid(Settings("ScatterFlipIt").grid)
+    maps: dict[str, Any] = {}
+    for (agent, edit), named in found.items():
+        counts = np.zeros((rows, columns))
+        for row, column, count in named:
+            counts[row, column] = count
+        maps[f"{agent}: {counts.sum():,.0f} {edit}"] = 100 * counts / counts.sum()
+    return heat_maps(maps, "share of the edits of this kind, %")
+
+
 def rewards() -> Any:
     """Figure 3: the mean reward, with the standard deviation over runs."""
     found = {(agent, name): reward for agent, name, reward, *_ in read("returns")[1:]}
@@ -191,6 +219,9 @@ if __name__ == "__main__":
     )
     parser.add_argument("runs", nargs="*", type=Path)
     parser.add_argument("--calibration", nargs="+", type=Path, metavar="RECORDING", help="write calibration.csv first")
+    parser.add_argument(
+        "--cells", nargs="+", metavar=("NAME", "RECORDING"), help="add an agent's edits to cells.csv first"
+    )
     parser.add_argument("--curves", action="store_true", help="draw the charts of curves alone")
     args = parser.parse_args()
     if args.runs and not args.row:
@@ -199,9 +230,11 @@ if __name__ == "__main__":
         add_curves(args.row, args.runs)
     if args.calibration:
         add_calibration(args.calibration)
+    if args.cells:
+        add_cells(args.cells[0], [Path(path) for path in args.cells[1:]])
     charts = {"ppo-curves": curves(), "table-2-curves": curves(PAPER_CURVES)}
     if not args.curves:
-        charts |= {"mean-reward": rewards(), "edits-needed": edits()}
+        charts |= {"mean-reward": rewards(), "edits-needed": edits(), "edit-cells": cells()}
     for name, figure in charts.items():
         if figure is not None:
             save(figure, PICTURES / f"results-{name}.png", "png")

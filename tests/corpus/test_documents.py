@@ -168,6 +168,7 @@ def test_charts_of_results__are_drawn_from_the_csv_files():
     curves = script.curves().axes
     assert [len(panel.lines) for panel in curves if panel.lines] == [3, 1, 4]
     assert curves[1].lines[0].get_ydata()[-1] > 50
+    assert len([axes for axes in script.cells().axes if axes.images]) == 2 * 3
 
 
 def test_datasheet__counts_are_those_of_the_file():
