@@ -226,6 +226,8 @@ if __name__ == "__main__":
     args = parser.parse_args()
     if args.runs and not args.row:
         parser.error("runs need --row")
+    if args.cells is not None and len(args.cells) < 2:
+        parser.error("--cells needs a name and recordings")
     if args.runs:
         add_curves(args.row, args.runs)
     if args.calibration:
