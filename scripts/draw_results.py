@@ -20,6 +20,7 @@ import json
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,7 +29,8 @@ import numpy as np
 from write_result_tables import RESULTS, read, runs_by_row, tasks, write
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, heat_maps, line_chart, save
+from lilgym_mp.contrib.report.behaviour import figure_10
+from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart, save
 from lilgym_mp.contrib.report.items import Chart
 from lilgym_mp.contrib.report.learning_curves import PROGRAM_ACCURACY, mean_line
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -37,8 +39,8 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RUN_FILE
+from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
-from lilgym_mp.scene.appearances.grids import checked_grid
 from lilgym_mp.scene.grouping import grouped
 from lilgym_mp.solver import Solver
 
@@ -168,16 +170,21 @@ def add_cells(agent: str, recordings: Sequence[Path]) -> None:
 
 
 def cells() -> Any:
-    """Figure 10: the share of an agent's edits that name each cell of Scatter's grid."""
-    found = grouped(((agent, edit), tuple(map(int, rest))) for agent, edit, *rest in read("cells")[1:])
-    columns, rows = checked_grid(Settings("ScatterFlipIt").grid)
-    maps: dict[str, Any] = {}
-    for (agent, edit), named in found.items():
-        counts = np.zeros((rows, columns))
-        for row, column, count in named:
-            counts[row, column] = count
-        maps[f"{agent}: {counts.sum():,.0f} {edit}"] = 100 * counts / counts.sum()
-    return heat_maps(maps, "share of the edits of this kind, %")
+    """Figure 10: the share of an agent's edits that name each cell of Scatter's grid, as a report draws it."""
+    name = "ScatterFlipIt"
+    header = SimpleNamespace(settings=Settings(name), run=None)
+    edits = {
+        "ADD": partial(AddItem, shape=Shape.SQUARE, colour=Colour.BLACK, size=Size.SMALL),  # which is not drawn
+        "REMOVE": RemoveItem,
+    }
+    found: dict[str, list[Any]] = {}
+    for agent, edit, row, column, count in read("cells")[1:]:
+        found.setdefault(agent, []).extend([edits[edit](column=int(column), row=int(row))] * int(count))
+    entries: list[AgentResults] = []
+    for agent, actions in found.items():
+        recording: Any = SimpleNamespace(header=header, episodes=[SimpleNamespace(actions=actions)])
+        entries.append(AgentResults(agent, name, "dev", (recording,)))
+    return next(item.figure for item in figure_10(ReportData(tuple(entries), ())) if isinstance(item, Chart))
 
 
 def rewards() -> Any:
