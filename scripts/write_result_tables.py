@@ -200,13 +200,14 @@ def write_runs(directory: Path) -> list[str]:
         if row[1] in finished:
             finished.remove(row[1])
             run, recordings = directory / RUNS / row[1], directory / EPISODES / row[1]
+            games = recordings.with_name(f"{row[1]}-dev.csv")
             made, progress = json.loads((run / RUN_FILE).read_text())["made"], last_line(run / PROGRESS_FILE)
             count = last_line(run / VALIDATIONS_FILE).get("best_steps") or progress.get("steps") or progress["updates"]
             commit, _, changes = made["commit"].partition(" ")
             row[3:5] = f"{commit[:7]} {changes}".strip(), made["machine"].partition(",")[0]
             row[5] = f"{progress['cpu_seconds'] / 60:.1f}"
             row[6] = f"{count / 1e6:.2f} million" if count >= 100_000 else f"{count:,}"
-            row[7] = digest(recordings) if recordings.is_dir() else ""
+            row[7] = next((digest(path) for path in (recordings, games) if path.exists()), "")
     write("runs", [head, *rows])
     return finished
 

@@ -58,7 +58,7 @@ def _file(recording: Path) -> Path:
 @cache
 def commit() -> str | None:
     """The checkout's commit, with MODIFIED_SUFFIX if it has uncommitted changes; None outside of a checkout."""
-    root = Path(__file__).parents[2]
+    root = Path(__file__).resolve().parents[2]  # an editable install is a link
     if not (root / ".git").exists():
         return None
     command = ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--abbrev=10"]

@@ -179,6 +179,12 @@ def test_recording_metadata__is_next_to_every_recording(tmp_path):
         assert found["machine"] == recording_metadata.machine()
 
 
+def test_commit__is_known_in_an_editable_install(tmp_path, monkeypatch):
+    (tmp_path / "lilgym_mp").symlink_to(ROOT / "lilgym_mp")
+    monkeypatch.setattr(recording_metadata, "__file__", f"{tmp_path}/lilgym_mp/evaluation/recording_metadata.py")
+    assert (recording_metadata.commit.__wrapped__() is None) != (ROOT / ".git").exists()
+
+
 def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path):
     recording = tmp_path / f"a{SUFFIX}"
     assert read_metadata(recording) == {}
