@@ -4,7 +4,8 @@
     python scripts/digest_recordings.py results/episodes/joint-TowerFlipIt-0-dev.csv
 
 DIR has recordings of episodes; the file is the table of an evaluation of the two-agent game, in which agents are
-identified by the names of their runs. Recordings used to contain the phenomena of each statement, so the digest is computed as if they still did.
+identified by the names of their runs. Recordings used to contain the phenomena of each statement, so the digest is
+computed as if they still did.
 """
 
 import gzip

@@ -132,13 +132,15 @@ def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch
     (run / "validations.jsonl").write_text('{"best_steps": 130000}\n')
     recordings = tmp_path / "episodes" / "ppo-TowerFlipIt-2"
     succeeds("evaluate --policy expert --configuration TowerScratch --record", recordings)
+    games = tmp_path / "episodes" / "imitation-TowerFlipIt-1-dev.csv"
+    games.write_text("proposer,success\na/b,0.5\n")
     (tmp_path / "finished" / "new-0.json").touch()
     assert script.write_runs(tmp_path) == ["new-0"]
     changed = [row for row in script.read("runs") if row not in before]
     for row in changed:
         assert row.pop(2).endswith(f"--only {row[1]}")
     assert changed == [
-        ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "M", "1.5", "3,600", ""],
+        ["3", "imitation-TowerFlipIt-1", "0123456 with changes", "M", "1.5", "3,600", "ff78824a61fe"],
         ["13, 14", "ppo-TowerFlipIt-2", "0123456 with changes", "M", "1.1", "0.13 million", script.digest(recordings)],
     ]
 
