@@ -21,15 +21,15 @@ TESTED = {  # runs with seed 0; rows of docs/test_split.md
 
 TABLE_2 = ("docs/results.md", "**Table 2.")  # a page, and a text before the table
 TEST_SPLIT = ("docs/test_split.md", "Start scenes of test:")
-SUMMARISED = {  # a row of README's table; the row of docs/test_split.md, or of Table 2, that has its figures
-    "PPO with stop forcing ²": TESTED["ppo"],
-    "... in Stable-Baselines3 ²": TESTED["sb3"],
+SUMMARISED = {  # a row of README's table; the tested agent, or the row of Table 2, whose figures it has
+    "PPO with stop forcing ²": "ppo",
+    "... in Stable-Baselines3 ²": "sb3",
     "... three seeds": "4. ppo+sf",
     "proposer and verifier, three seeds ⁵": "17. proposer and verifier ⁴",
-    "reward model, search ⁶": TESTED["reward-model"],
-    "imitation ⁶": TESTED["imitation"],
-    "parse and plan ⁶": TESTED["parse-and-plan-0"],
-    "parse and plan, included ⁶": TESTED["parse-and-plan"],
+    "reward model, search ⁶": "reward-model",
+    "imitation ⁶": "imitation",
+    "parse and plan ⁶": "parse-and-plan-0",
+    "parse and plan, included ⁶": "parse-and-plan",
 }
 
 
@@ -44,14 +44,13 @@ def row(page, after, name):
 @pytest.mark.parametrize("name", SUMMARISED)
 def test_readme__has_the_accuracies_of_the_pages(name):
     source = SUMMARISED[name]
-    place = TABLE_2 if source[0].isdigit() else TEST_SPLIT
-    shown = row("README.md", "## Results", name)
-    assert [cell.removesuffix(" ⁴") for cell in shown] == row(*place, source)
+    expected = row(*TEST_SPLIT, TESTED[source]) if source in TESTED else row(*TABLE_2, source)
+    assert [cell.removesuffix(" ⁴") for cell in row("README.md", "## Results", name)] == expected
 
 
 def test_readme__has_the_paper_s_best_on_test():
-    shown = row("README.md", "## Results", "the paper's best, sampled")
     tested = row(*TEST_SPLIT, "the paper's best of each configuration")
+    shown = row("README.md", "## Results", "the paper's best, sampled")
     assert [cell.partition(" / ")[2] for cell in shown] == tested
 
 
