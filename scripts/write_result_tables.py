@@ -11,7 +11,8 @@ recordings, or run directories of the two-agent game, which is played here, to a
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
 `paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
 last without the entropy bonus), `tested` the agents of docs/test_split.md, `default` parse and plan by default, in
-docs/agents.md, `included` those agents of that page that have no row here, `sb3` runs of docs/stable_baselines3.md.
+docs/agents.md, `included` those agents of that page that have no row here, `separators` agents that can act on
+separators, with sampled actions, `sb3` runs of docs/stable_baselines3.md.
 `--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which
 knows them and their commands by name.
 
@@ -271,6 +272,12 @@ def ppo_cells() -> Iterator[str]:
         yield " | ".join(map(_greedy_and_sampled, unseen))
     alone = zip(by_novelty("11", "ScatterScratch"), by_novelty("12", "ScatterScratch"), strict=True)
     yield _greedy_and_sampled(next(alone))
+
+
+def separators_cells() -> Iterator[str]:
+    """The accuracies on Scatter, in docs/results.md, of agents that can act on separators."""
+    _, scatter = pairs()
+    yield " and ".join(by_novelty("separators", name)[0]._replace(low=None).text(1) for name in scatter)
 
 
 def _greedy_and_sampled(pair: tuple[MeanStd, MeanStd]) -> str:
