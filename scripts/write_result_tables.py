@@ -12,7 +12,8 @@ recordings of the row in a configuration belong together: returns.csv and behavi
 `paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
 last without the entropy bonus), `tested` the agents of docs/test_split.md, `default` parse and plan by default, in
 docs/agents.md, `included` those agents of that page that have no row here, `separators` agents that can act on
-separators, with sampled actions, `sb3` runs of docs/stable_baselines3.md.
+separators, with sampled actions, `sb3` runs of docs/stable_baselines3.md, `reward` and `taught` those of
+docs/reward_model.md with and without search, `program-reward` the runs of Figure 4 with this reward.
 `--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which
 knows them and their commands by name.
 
@@ -27,13 +28,13 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from compare_partners import play, seat
 from digest_recordings import digest
 
 from lilgym_mp.cli.experiment_runs import EPISODES, FINISHED, RUNS
@@ -43,14 +44,15 @@ from lilgym_mp.contrib.report.items import MISSING
 from lilgym_mp.contrib.report.phenomena import shows_phenomenon
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
-from lilgym_mp.envs.proposer_verifier import Role
+from lilgym_mp.envs.proposer_verifier import GameRecord, GameSettings, Partner, Role, play_games
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.episode_files import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
 from lilgym_mp.evaluation.results import rounded
-from lilgym_mp.learning.common.agents import open_agent
+from lilgym_mp.learning.common.agents import Agent, open_agent
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
 from lilgym_mp.scene.grouping import grouped
 
@@ -98,6 +100,21 @@ def recorded(row: str, file: Path) -> Outcomes:
     successes = "".join(str(found[task.id]) for task in tasks(name))
     run = header.agent if header.run is None else Path(header.run).name
     return Outcomes(row, run, metadata.get("commit") or "", name, header.actions, str(header.passes), successes)
+
+
+def play(agent: Agent, proposer: Partner, verifier: Partner, configuration: str) -> list[GameRecord]:
+    """The game that the agent was trained for, on dev."""
+    assert agent.game is not None
+    settings = replace(agent.game, configuration=configuration, split="dev")
+    return play_games(BaseGameEnv(**vars(settings)), proposer, verifier)
+
+
+def seat(agent: Agent, role: Role, game: GameSettings | None = None) -> Any:
+    game = agent.game if game is None else game
+    assert game is not None
+    partner = agent.partner(role, game)
+    assert partner is not None
+    return partner
 
 
 def played(row: str, run: Path) -> Iterator[Outcomes]:
@@ -254,9 +271,21 @@ def default_cells() -> Iterator[str]:
 
 
 def imitation_cells() -> Iterator[str]:
-    """The cells of docs/imitation.md for each appearance: accuracy on all, seen and unseen statements."""
-    for pair in pairs():
-        found = [by_novelty("3", name) for name in pair]
+    """The cells of docs/imitation.md."""
+    yield from _novelty_cells("3")
+
+
+def reward_model_cells() -> Iterator[str]:
+    """The cells of docs/reward_model.md."""
+    yield from _novelty_cells("reward")
+    yield from _novelty_cells("taught")
+
+
+def _novelty_cells(row: str) -> Iterator[str]:
+    """For each appearance that has runs: accuracy on all statements, and on seen and unseen ones."""
+    names = {each.configuration for each in outcomes() if each.row == row}
+    for pair in (pair for pair in pairs() if {*pair} <= names):
+        found = [by_novelty(row, name) for name in pair]
         yield " | ".join(
             f"{everywhere._replace(low=None).text(1)} ({rounded(seen.mean, 1)} / {rounded(unseen.mean, 1)})"
             for everywhere, seen, unseen in found
@@ -278,6 +307,12 @@ def separators_cells() -> Iterator[str]:
     """The accuracies on Scatter, in docs/results.md, of agents that can act on separators."""
     _, scatter = pairs()
     yield " and ".join(by_novelty("separators", name)[0]._replace(low=None).text(1) for name in scatter)
+
+
+def figure_4_cells() -> Iterator[str]:
+    """The accuracies on Scratch, in docs/results.md, of agents that learn from the program reward."""
+    for name in ("TowerScratch", "ScatterScratch"):
+        yield by_novelty("program-reward", name)[0]._replace(low=None).text(1)
 
 
 def _greedy_and_sampled(pair: tuple[MeanStd, MeanStd]) -> str:

@@ -12,10 +12,7 @@ import pytest
 
 from lilgym_mp.cli import make_parser
 from lilgym_mp.cli.experiment_plan import read_plan
-from lilgym_mp.contrib.report.aggregation import accuracy_where
 from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.results import training_statements
 from lilgym_mp.scene.grouping import grouped
 from tests.command_line import succeeds
 from tests.scripts import ROOT, load_script
@@ -48,20 +45,6 @@ def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
     assert script.accuracies() == script.read("accuracy")
     assert script.differences() == script.read("paired_tests")
     assert script.by_phenomenon() == script.read("phenomena")
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("official_data")
-def test_pages__have_accuracies_on_seen_and_unseen_statements_of_the_outcomes():
-    runs = load_script("write_result_tables").runs_by_row()
-    pages = {row: (DOCS / name).read_text() for row, name in (("3", "imitation.md"), ("17", "game_experiments.md"))}
-    compared = {key: recordings for key, recordings in runs.items() if key[0] in pages}
-    assert len(compared) == 6  # the joint game is on Tower alone
-    for (row, configuration), recordings in compared.items():
-        known = frozenset(training_statements(Settings(configuration, "lilgym")))
-        seen = accuracy_where(recordings, lambda episode, known=known: episode.statement in known).mean
-        unseen = accuracy_where(recordings, lambda episode, known=known: episode.statement not in known).mean
-        assert f"{seen:.1f} / {unseen:.1f}" in pages[row], (row, configuration)
 
 
 def test_results__accuracies_on_new_statements_are_of_the_table():
@@ -113,6 +96,14 @@ def test_game_experiments__have_the_recorded_success_of_each_pair():
     pairs = grouped((row[0], row) for row in script.read("messages")[1:])
     page = (DOCS / "game_experiments.md").read_text()
     assert [pair for pair, rows in pairs.items() if f"| {script.cells(rows)} |" not in page] == []
+
+
+@pytest.mark.usefixtures("official_data")
+def test_game_experiments__have_the_figures_of_the_recorded_games():
+    script = load_script("compare_partners")
+    page = (DOCS / "game_experiments.md").read_text()
+    assert script.saved()
+    assert [cell for cell in script.cells(script.saved()) if f" {cell} " not in page] == []
 
 
 def test_runs_of_an_experiment__replace_the_published_ones(tmp_path, monkeypatch):
