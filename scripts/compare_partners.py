@@ -192,13 +192,13 @@ def rates(runs: Sequence[Sequence[GameRecord]]) -> tuple[str, str, str]:
         for target in ("true", "false"):
             found = (each.by_target.get(target, {}).get(name) for each in measures)
             shares = [share for share in found if share is not None]
-            parts.append(f"{100 * abs(rejected - mean(shares)):.0f}" if shares else "-")
+            parts.append(rounded(100 * abs(rejected - mean(shares)), 0) if shares else "-")
         return " / ".join(parts)
 
-    js = [round(100 * each.j) for each in measures if each.j is not None]
-    shown = ", ".join(map(str, js)) or "-"
+    js = [100 * each.j for each in measures if each.j is not None]
+    shown = ", ".join(rounded(j, 0) for j in js) or "-"
     if len(js) > 3:
-        shown = f"{min(js)} to {max(js)}, mean {mean(js):.0f}"
+        shown = f"{rounded(min(js), 0)} to {rounded(max(js), 0)}, mean {rounded(mean(js), 0)}"
     return both("true_accept_rate"), both("false_accept_rate", rejected=True), shown
 
 

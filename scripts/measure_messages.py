@@ -24,6 +24,7 @@ from lilgym_mp.envs.proposer_verifier import BatchTurn, GameRecord, Metrics, Par
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, batch_actions
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.game_partners import MESSAGE_CHANGES, ChangedMessages, scripted_verifiers
+from lilgym_mp.evaluation.results import rounded
 from lilgym_mp.evaluation.terminal import table
 from lilgym_mp.learning.common.agents import open_agent
 
@@ -69,11 +70,11 @@ def cells(rows: Sequence[Sequence[str]]) -> str:
         return (metrics(row[1], row[-1]) for row in rows if row[3] == messages)
 
     def text(found: Metrics) -> str:
-        return f"{100 * found.success_rate:.1f}"
+        return rounded(100 * found.success_rate, 1)
 
     low, high = max(both("as trained"), key=lambda found: found.success_rate).success_interval
     shown = [" / ".join(map(text, both(messages))) for messages in ("as trained", *MESSAGE_CHANGES)]
-    shown[0] += f" [{100 * low:.1f}, {100 * high:.1f}]"
+    shown[0] += f" [{rounded(100 * low, 1)}, {rounded(100 * high, 1)}]"
     return " | ".join((*shown, rows[0][4]))
 
 
@@ -111,7 +112,7 @@ def main() -> None:
                 verifier = ChangedMessages(verifier, change)
             records = play_games(game, proposer, verifier, seed=args.seed)
             found = summarise(records)
-            low, high = (f"{100 * bound:.1f}" for bound in found.success_interval)
+            low, high = (rounded(100 * bound, 1) for bound in found.success_interval)
             told, all_bits = proposer.information
             bits = f"{told:.2f} of {all_bits:.2f}"
             kind = ("sampled" if sampled else "greedy", change or "as trained")
@@ -128,7 +129,7 @@ def main() -> None:
             rows.append(
                 (
                     *kind,
-                    f"{100 * found.success_rate:.1f} [{low}, {high}]",
+                    f"{rounded(100 * found.success_rate, 1)} [{low}, {high}]",
                     bits,
                     f"{found.mean_rounds:.1f}",
                 )

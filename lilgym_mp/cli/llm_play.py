@@ -24,6 +24,7 @@ from lilgym_mp.cli.llm_runs import (
     read_agent_options,
     stored,
     stored_settings,
+    success_text,
 )
 from lilgym_mp.cli.options import (
     JSON,
@@ -266,8 +267,7 @@ def _price(text: str) -> float:
 
 
 def _print_summary(summary: JSON) -> None:
-    interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
-    print(f"success      {summary['success']:.1%} ({summary['successes']} of {summary['episodes']}; {interval})")
+    print("success     ", success_text(summary, f"{summary['successes']} of {summary['episodes']}"))
     print(f"progression  {summary['progression']:.3f} ± {summary['progression_deviation']:.3f}")
     print(f"reward       {summary['mean_reward']:+.2f} in {summary['mean_actions']:.1f} actions")
     print(f"outcomes     {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")

@@ -16,6 +16,7 @@ from lilgym_mp.cli.options import JSON, RUNS, CommandError
 from lilgym_mp.corpus.records import unique_keys
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.evaluation.files import read_json
+from lilgym_mp.evaluation.report import percent
 from lilgym_mp.scene.grouping import grouped
 
 TEXT_OPTIONS = ("model", "directory", "url", "device")  # never read as JSON: a model may be called 1e3
@@ -125,6 +126,12 @@ def public(name: str, value: Any) -> Any:
 
 def _digest(value: object) -> str:
     return f"sha256:{hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]}"
+
+
+def success_text(summary: JSON, of: str) -> str:
+    """The success of a summary and its interval; `of`: such as "3 of 20"."""
+    success, low, high = (percent(summary[name]) for name in ("success", "success_low", "success_high"))
+    return f"{success} ({of}; 95 % interval over statements {low} to {high})"
 
 
 def print_calls(summary: JSON) -> None:

@@ -15,9 +15,11 @@ from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lilgym_mp.cli.llm_runs import success_text
 from lilgym_mp.cli.options import JSON, CommandError, add_out, add_thoughts, check_out
 from lilgym_mp.corpus.records import parse_object, read_text
 from lilgym_mp.evaluation.files import write_json
+from lilgym_mp.evaluation.report import percent
 from lilgym_mp.scene.grouping import grouped
 
 if TYPE_CHECKING:
@@ -60,11 +62,9 @@ def run(args: argparse.Namespace) -> int:
         scores.append({"id": name, "reward": 0.0, "outcome": MISSING, "details": {"reason": "there is no reply"}})
     summary = summarised(scores, {name: row.task.statement for name, row in rows.items()})
     count = summary["prompts"]
-    success = summary["success"]
-    interval = f"95 % interval over statements {summary['success_low']:.1%} to {summary['success_high']:.1%}"
-    print(f"success   {success:.1%} ({success * count:.4g} of {count}; {interval})")
+    print("success  ", success_text(summary, f"{summary['success'] * count:.4g} of {count}"))
     for name, rate in summary["pass"].items():
-        print(f"{name:<9} {rate:.1%}")
+        print(f"{name:<9} {percent(rate)}")
     print(f"outcomes  {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
     for reason, number in list(summary["reasons"].items())[:3]:
         print(f"          {number} x {reason}")

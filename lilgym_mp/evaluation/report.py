@@ -46,7 +46,7 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
     found = {(result.name, result.plan.settings.configuration): result.summary.accuracy for result in results}
     names, configurations = (list(dict.fromkeys(column)) for column in zip(*found, strict=True))
     if len(configurations) > 1:
-        rows = [[name, *(_percent(found.get((name, where))) for where in configurations)] for name in names]
+        rows = [[name, *(percent(found.get((name, where))) for where in configurations)] for name in names]
         parts.append(table(["accuracy", *configurations], rows, width))
     has_seen = _has_seen(results)
     heads = ("policy", "accuracy", *(("seen", "unseen") if has_seen else ()), "mean reward", "mean length", *FAILURES)
@@ -66,10 +66,10 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
 
 def _row(result: Result, *, seen: bool) -> Strings:
     summary = result.summary
-    failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
+    failures = (percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (
         result.name,
-        _percent(summary.accuracy),
+        percent(summary.accuracy),
         *((_percent_of(summary.seen), _percent_of(summary.unseen)) if seen else ()),
         f"{summary.mean_reward:+.2f}",
         f"{summary.mean_length:.1f}",
@@ -77,12 +77,13 @@ def _row(result: Result, *, seen: bool) -> Strings:
     )
 
 
-def _percent(fraction: float | None) -> str:
+def percent(fraction: float | None) -> str:
+    """The fraction as it is printed; "-" for None."""
     return "-" if fraction is None else f"{rounded(100 * fraction, 1)} %"
 
 
 def _percent_of(count: SuccessCount) -> str:
-    return f"{_percent(count.accuracy)} of {count.episodes}" if count.episodes else "-"
+    return f"{percent(count.accuracy)} of {count.episodes}" if count.episodes else "-"
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:

@@ -39,7 +39,7 @@ def test_prompts__with_answers_score_fully(kind, tmp_path, capsys):
     succeeds(f"llm score {prompts} --answers {replies} --out", tmp_path / "scores.json")
     assert lilgym(f"llm score {prompts} --answers {replies} --out", replies) == 2
     shown = capsys.readouterr().out
-    assert "success   75.0% (3 of 4; 95 % interval over statements " in shown
+    assert "success   75.0 % (3 of 4; 95 % interval over statements " in shown
     assert "outcomes  missing 1, success 3" in shown
     summary = read_json(tmp_path / "scores.json")
     assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)
@@ -77,7 +77,7 @@ def test_score__thoughts_are_a_list_that_can_be_set(truths, tmp_path, capsys):
     replies = ({"id": row["id"], "reply": f"<hm>\ntrue\nfalse\n</hm>\n{row['answer']}"} for row in rows)
     command = f"llm score {prompts} --answers {written(tmp_path / 'a', *replies)}"
     assert "not_understood 2" in output_of(capsys, command)
-    assert "success   100.0%" in output_of(capsys, f"{command} --thoughts hm")
+    assert "success   100.0 %" in output_of(capsys, f"{command} --thoughts hm")
 
 
 def test_score__a_reply_of_nan_is_not_understood_and_a_cut_one_is_not_read(truths, tmp_path, capsys):
