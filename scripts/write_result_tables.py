@@ -245,7 +245,9 @@ def runs_by_row() -> dict[tuple[str, str], list[Any]]:
 
 def paper_cells() -> Iterator[str]:
     """The cells of docs/training.md for each run with the paper's recipe: accuracy with sampled and greedy actions."""
-    for runs in grouped((each.run, each) for each in outcomes() if each.row.startswith("paper")).values():
+    order = [*CONFIGURATIONS]
+    known = sorted(outcomes(), key=lambda each: (order.index(each.configuration), each.row, each.run))
+    for runs in grouped((each.run, each) for each in known if each.row.startswith("paper")).values():
         of_mode = {each.actions: accuracy_where([each.recording()]) for each in runs}
         yield " | ".join(cast("MeanStd", of_mode[mode]).text(1) for mode in ("sampled", "greedy"))
 
