@@ -2,14 +2,12 @@
 
     python scripts/draw_results.py
     python scripts/draw_results.py --row 13 RUN ...
-    python scripts/draw_results.py --reward-model RUN ...
     python scripts/draw_results.py --calibration RECORDING ...
     python scripts/draw_results.py --cells NAME RECORDING ...
 
 `--row` first adds the evaluations of training runs to curves.csv: the accuracy on dev in percent, without start scenes
 of Scratch that have no image in the corpus. The rows that begin with `paper` are C3+BERT with the paper's recipe,
 `program-reward` and `nlvr-reward` those of Figure 4.
-`--reward-model` first writes an appearance's rows of reward_model_curves.csv, from runs with held-out statements.
 `--calibration` first writes calibration.csv from recordings made with --record-decisions: for each bin of the predicted
 success, the mean prediction, the episodes and the successes.
 `--cells` first adds the edits of an agent of Scatter to cells.csv: how many name each cell of the grid.
@@ -22,7 +20,7 @@ import argparse
 import json
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,7 +39,7 @@ from lilgym_mp.contrib.report.results import by_edits
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episode_files import read_episodes
-from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, RUN_FILE
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.grouping import grouped
@@ -76,8 +74,6 @@ REWARD_CURVES = {  # rows of Figure 4
     NLVR: "NLVR reward",
     BY_PROGRAM: "NLVR reward, by program",
 }
-EFFORT = {"CPU minutes": ("cpu_seconds", 60), "STOPs": ("stops", 1), "steps": ("steps", 1)}  # key in a run, divisor
-EFFORT_POINTS = 60  # of a curve of the reward model
 
 
 def add_curves(row: str, runs: list[Path]) -> None:
@@ -122,28 +118,6 @@ def _line(name: str, points: Sequence[Sequence[Any]]) -> Line:
     """A line through (x, y) or (x, y, deviation)."""
     xs, ys, *deviations = ([float(value) for value in column] for column in zip(*points, strict=True))
     return Line(name, xs, ys, deviations[0] if deviations else None)
-
-
-def add_reward_model_curves(runs: Sequence[Path]) -> None:
-    """Writes an appearance's rows of reward_model_curves.csv: mean and deviation over its runs."""
-    names = {json.loads((run / RUN_FILE).read_text())["identity"]["environment"]["configuration"] for run in runs}
-    (appearance,) = {CONFIGURATIONS[name][0].title() for name in names}
-    head, *known = read("reward_model_curves")
-    kept = [row for row in known if row[1] != appearance]
-    lines = [[json.loads(line) for line in (run / PROGRESS_FILE).read_text().splitlines()] for run in runs]
-    made = ([axis, appearance, *point] for axis in EFFORT for point in _effort_points(axis, lines))
-    rows = sorted([*kept, *made], key=lambda row: (row[0], row[1] != "Tower", float(row[2])))
-    write("reward_model_curves", [head, *rows])
-
-
-def _effort_points(axis: str, runs: Sequence[Sequence[Any]]) -> Iterator[list[str]]:
-    key, divisor = EFFORT[axis]
-    xs = [[line[key] / divisor for line in run] for run in runs]
-    common = np.linspace(max(x[0] for x in xs), min(x[-1] for x in xs), EFFORT_POINTS)
-    values = [100 * np.array([line["held_out_accuracy"] for line in run]) for run in runs]
-    accuracies = np.array([np.interp(common, x, y) for x, y in zip(xs, values, strict=True)])
-    for x, mean, deviation in zip(common, accuracies.mean(0), accuracies.std(0, ddof=1), strict=True):
-        yield [f"{x:.2f}" if divisor > 1 else f"{x:.0f}", f"{mean:.2f}", f"{deviation:.2f}"]
 
 
 def reward_model_curves() -> Any:
@@ -262,7 +236,6 @@ if __name__ == "__main__":
         help="row of the table of accuracies that the runs belong to",
     )
     parser.add_argument("runs", nargs="*", type=Path)
-    parser.add_argument("--reward-model", nargs="+", type=Path, metavar="RUN", help="write its curves first")
     parser.add_argument("--calibration", nargs="+", type=Path, metavar="RECORDING", help="write calibration.csv first")
     parser.add_argument(
         "--cells", nargs="+", metavar=("NAME", "RECORDING"), help="add an agent's edits to cells.csv first"
@@ -275,8 +248,6 @@ if __name__ == "__main__":
         parser.error("--cells needs a name and recordings")
     if args.runs:
         add_curves(args.row, args.runs)
-    if args.reward_model:
-        add_reward_model_curves(args.reward_model)
     if args.calibration:
         add_calibration(args.calibration)
     if args.cells:
@@ -284,7 +255,7 @@ if __name__ == "__main__":
     charts = {
         "ppo-curves": curves(),
         "table-2-curves": curves(PAPER_CURVES),
-        "figure-4-accuracy-on-dev-while-training": curves(REWARD_CURVES),
+        "figure-4": curves(REWARD_CURVES),
     }
     if not args.curves:
         charts |= {"mean-reward": rewards(), "edits-needed": edits(), "edit-cells": cells()}

@@ -79,6 +79,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
         ("training.md", "ppo_cells"),
         ("agents.md", "default_cells"),
         ("imitation.md", "imitation_cells"),
+        ("reward_model.md", "reward_model_cells"),
         ("results.md", "separators_cells"),
     ],
 )
