@@ -66,8 +66,7 @@ BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "game_guide.gif": "python scripts/draw_guide_film.py BUILDER GUIDE, with runs as in docs/game_experiments.md",
-    "results-edits-needed.png": "python scripts/draw_results.py",
-    "results-*.png": "charts of a report; lilgym-mp report RESULTS --out OUT with RESULTS as in docs/results.md",
+    "results-edit*.png": "python scripts/draw_results.py",
     "web/*": "python scripts/web_screenshots.py",
 }
 
@@ -233,6 +232,7 @@ def draw_charts() -> None:
     charts = {
         "results-ppo-curves.png": draw_results.curves(),
         "results-table-2-curves.png": draw_results.curves(draw_results.PAPER_CURVES),
+        "results-figure-4.png": draw_results.curves(draw_results.REWARD_CURVES),
         "results-mean-reward.png": draw_results.rewards(),
         "proposer_verifier_curve.svg": draw_results.verifier_curve(),
         "reward_model_curves.svg": draw_results.reward_model_curves(),
@@ -268,6 +268,7 @@ FILES = [  # made by DRAWN
     "reliability.png",
     "reward_model_curves.svg",
     "proposer_verifier_curve.svg",
+    "results-figure-4.png",
     "results-mean-reward.png",
     "results-ppo-curves.png",
     "results-table-2-curves.png",

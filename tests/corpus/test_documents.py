@@ -81,6 +81,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
         ("imitation.md", "imitation_cells"),
         ("reward_model.md", "reward_model_cells"),
         ("results.md", "separators_cells"),
+        ("results.md", "figure_4_cells"),
     ],
 )
 def test_page__has_the_recorded_accuracy_of_each_run(name, made):
