@@ -17,16 +17,18 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from statistics import mean
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from write_result_tables import play, read, seat, tasks, write
+from write_result_tables import read, tasks, write
 
 from lilgym_mp.contrib.report.aggregation import accuracy_where, paired_difference
-from lilgym_mp.envs.proposer_verifier import GameRecord, Role, summarise
+from lilgym_mp.envs.proposer_verifier import GameRecord, GameSettings, Partner, Role, play_games, summarise
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.game_partners import (
@@ -36,6 +38,7 @@ from lilgym_mp.evaluation.game_partners import (
     ChangedMessages,
     scripted_proposers,
 )
+from lilgym_mp.evaluation.recording_metadata import commit
 from lilgym_mp.evaluation.results import rounded
 from lilgym_mp.evaluation.terminal import table
 from lilgym_mp.learning.common.agents import Agent, open_agent
@@ -66,6 +69,7 @@ class Pair(NamedTuple):
     proposer: str  # name of a run, or of a scripted agent
     verifier: str
     configuration: str
+    commit: str  # of the code that played
     games: str
 
     @property
@@ -99,6 +103,25 @@ def text(records: Iterable[GameRecord]) -> str:
     )
 
 
+def play(agent: Agent, proposer: Partner, verifier: Partner, configuration: str) -> list[GameRecord]:
+    """The game that the agent was trained for, on dev."""
+    assert agent.game is not None
+    settings = replace(agent.game, configuration=configuration, split="dev")
+    return play_games(BaseGameEnv(**vars(settings)), proposer, verifier)
+
+
+def seat(agent: Agent, role: Role, game: GameSettings | None = None) -> Any:
+    game = agent.game if game is None else game
+    assert game is not None
+    partner = agent.partner(role, game)
+    assert partner is not None
+    return partner
+
+
+def pair(experiment: str, proposer: str, verifier: str, configuration: str, games: Iterable[GameRecord]) -> Pair:
+    return Pair(experiment, proposer, verifier, configuration, commit() or "", text(games))
+
+
 def joint(runs: Runs) -> Iterator[Pair]:
     for configuration in (SCRATCH, CONFIGURATION):
         for name, run in runs.items():
@@ -106,7 +129,7 @@ def joint(runs: Runs) -> Iterator[Pair]:
             verifiers |= {scripted: SCRIPTED_VERIFIERS[scripted] for scripted in ("oracle", NOISY_ORACLE)}
             for verifier, partner in verifiers.items():
                 games = play(run, seat(run, Role.PROPOSER), partner, configuration)
-                yield Pair("joint", name, verifier, configuration, text(games))
+                yield pair("joint", name, verifier, configuration, games)
 
 
 def veto(judge: Agent, alone: Runs, both: Runs) -> Iterator[Pair]:
@@ -116,7 +139,7 @@ def veto(judge: Agent, alone: Runs, both: Runs) -> Iterator[Pair]:
             verifiers = {**known, JUDGE: seat(judge, Role.VERIFIER, run.game), other: seat(learned, Role.VERIFIER)}
             for verifier, partner in verifiers.items():
                 games = play(run, seat(run, Role.PROPOSER), partner, CONFIGURATION)
-                yield Pair("veto", name, verifier, CONFIGURATION, text(games))
+                yield pair("veto", name, verifier, CONFIGURATION, games)
 
 
 def audit(judge: Agent, runs: Runs, independent: Runs) -> Iterator[Pair]:
@@ -128,12 +151,12 @@ def audit(judge: Agent, runs: Runs, independent: Runs) -> Iterator[Pair]:
     for verifier, partner in verifiers.items():
         for name, run in runs.items():
             games = play(first, seat(run, Role.PROPOSER), partner, CONFIGURATION)
-            yield Pair("audit", name, verifier, CONFIGURATION, text(games))
+            yield pair("audit", name, verifier, CONFIGURATION, games)
         games = [game for expert in experts for game in play(first, expert, partner, CONFIGURATION)]
-        yield Pair("audit", "experts", verifier, CONFIGURATION, text(games))
+        yield pair("audit", "experts", verifier, CONFIGURATION, games)
     for name, run in independent.items():
         games = play(run, seat(run, Role.PROPOSER), seat(run, Role.VERIFIER), CONFIGURATION)
-        yield Pair("audit", name, name, CONFIGURATION, text(games))
+        yield pair("audit", name, name, CONFIGURATION, games)
 
 
 def critique(runs: Runs, silent: Runs) -> Iterator[Pair]:
@@ -144,7 +167,7 @@ def critique(runs: Runs, silent: Runs) -> Iterator[Pair]:
             partners |= {f"{name} {change}": ChangedMessages(verifier, change) for change in MESSAGE_CHANGES}
         for other, partner in partners.items():
             games = play(run, seat(run, Role.PROPOSER), partner, CONFIGURATION)
-            yield Pair("critique", name, other, CONFIGURATION, text(games))
+            yield pair("critique", name, other, CONFIGURATION, games)
 
 
 def pairs_of(directory: Path, judge: Agent) -> Iterator[Pair]:

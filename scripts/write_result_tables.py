@@ -6,8 +6,8 @@
 
 docs/results/outcomes.csv has the runs whose recordings were kept in this form: for each start scene of official dev, in
 the order of the file, the number of its episodes that succeeded. Which statement a scene belongs to is read from the
-official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
-recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies. All
+official data, so that the recordings themselves, which contain statements, need not be published. Row 17, the two-agent
+game, is in games.csv (`compare_partners.py`). `--row` adds recordings to a row of the table of accuracies. All
 recordings of the row in a configuration belong together: returns.csv and behaviour.csv are made of them, too. The rows
 `paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
 last without the entropy bonus), `tested` the agents of docs/test_split.md, `default` parse and plan by default, in
@@ -28,7 +28,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -44,15 +43,10 @@ from lilgym_mp.contrib.report.items import MISSING
 from lilgym_mp.contrib.report.phenomena import shows_phenomenon
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
-from lilgym_mp.envs.proposer_verifier import GameRecord, GameSettings, Partner, Role, play_games
-from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.episode_files import read_episodes
-from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.recording_metadata import commit, read_metadata
+from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.evaluation.results import rounded
-from lilgym_mp.learning.common.agents import Agent, open_agent
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE, VALIDATIONS_FILE
 from lilgym_mp.scene.grouping import grouped
 
@@ -100,32 +94,6 @@ def recorded(row: str, file: Path) -> Outcomes:
     successes = "".join(str(found[task.id]) for task in tasks(name))
     run = header.agent if header.run is None else Path(header.run).name
     return Outcomes(row, run, metadata.get("commit") or "", name, header.actions, str(header.passes), successes)
-
-
-def play(agent: Agent, proposer: Partner, verifier: Partner, configuration: str) -> list[GameRecord]:
-    """The game that the agent was trained for, on dev."""
-    assert agent.game is not None
-    settings = replace(agent.game, configuration=configuration, split="dev")
-    return play_games(BaseGameEnv(**vars(settings)), proposer, verifier)
-
-
-def seat(agent: Agent, role: Role, game: GameSettings | None = None) -> Any:
-    game = agent.game if game is None else game
-    assert game is not None
-    partner = agent.partner(role, game)
-    assert partner is not None
-    return partner
-
-
-def played(row: str, run: Path) -> Iterator[Outcomes]:
-    """The outcomes of a run of the game, its proposer with its verifier, from both kinds of start scenes."""
-    game = (agent := open_agent(run)).game
-    assert game is not None
-    for name in CONFIGURATIONS:
-        if CONFIGURATIONS[name][0] == game.appearance:
-            records = play(agent, seat(agent, Role.PROPOSER), seat(agent, Role.VERIFIER), name)
-            successes = "".join(str(int(record.outcome is Outcome.SUCCESS)) for record in records)
-            yield Outcomes(row, run.name, commit() or "", name, "greedy", "1", successes)
 
 
 def read(name: str) -> list[list[str]]:
@@ -196,11 +164,9 @@ def stops() -> list[list[str]]:
 def add(row: str, paths: Sequence[Path]) -> None:
     """Adds runs to outcomes.csv, in place of earlier outcomes of the same runs."""
     head, *known = read("outcomes")
-    found: list[Outcomes] = []
-    for path in paths:
-        found += [recorded(row, path)] if path.name.endswith(SUFFIX) else played(row, path)
+    found = [recorded(row, path) for path in paths]
     replaced = {(each.row, each.run, each.configuration, each.actions) for each in found}
-    recordings = [read_episodes(path) for path in paths if path.name.endswith(SUFFIX) and row.isdigit()]
+    recordings = [read_episodes(path) for path in paths if row.isdigit()]
     for name in CONFIGURATIONS:
         if runs := [each for each in recordings if each.header.settings.configuration == name]:
             agent = agent_of(row, runs[0].header.actions)
@@ -235,7 +201,13 @@ def last_line(file: Path) -> dict[str, Any]:
 
 
 def outcomes() -> list[Outcomes]:
-    return [Outcomes(*line) for line in read("outcomes")[1:]]
+    """All of outcomes.csv, and row 17: the pairs of games.csv that learned together."""
+    found = [Outcomes(*line) for line in read("outcomes")[1:]]
+    for experiment, proposer, verifier, configuration, commit, games in read("games")[1:]:
+        if experiment == "joint" and proposer == verifier:
+            successes = "".join(game[0] for game in games.split())
+            found.append(Outcomes("17", proposer, commit, configuration, "greedy", "1", successes))
+    return found
 
 
 def runs_by_row() -> dict[tuple[str, str], list[Any]]:

@@ -11,7 +11,7 @@ def test_written_games__give_rates_of_runs_and_success_with_an_interval(own, mon
     for judge in ("oracle", "always_accept", "always_reject"):
         proposers = (SCRIPTED[name] for name in ("helpful", "deceptive"))
         games = [game for proposer in proposers for game in play_games(env, proposer, SCRIPTED[judge])]
-        runs.append(script.Pair("audit", "both", judge, "TowerFlipIt", script.text(games)).records())
+        runs.append(script.pair("audit", "both", judge, "TowerFlipIt", games).records())
         assert [(game.task, game.outcome) for game in runs[-1]] == [(game.task, game.outcome) for game in games]
     assert script.rates(runs[:2]) == ("100 / 100", "50 / 50", "100, 0")
     assert script.rates(runs[2:]) == ("0 / 0", "100 / 100", "0")
