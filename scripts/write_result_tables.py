@@ -277,6 +277,16 @@ def ppo_cells() -> Iterator[str]:
     yield _greedy_and_sampled(next(alone))
 
 
+def sb3_cells() -> Iterator[str]:
+    """The cells of docs/stable_baselines3.md: accuracy of each seed with greedy and sampled actions."""
+    for name in CONFIGURATIONS:
+        runs = grouped((each.run, each) for each in outcomes() if (each.row, each.configuration) == ("sb3", name))
+        seeds = [{each.actions: accuracy_where([each.recording()]) for each in run} for run in runs.values()]
+        modes = ("greedy", "sampled")
+        if seeds:
+            yield " | ".join(_greedy_and_sampled([cast("MeanStd", seed[mode]) for mode in modes]) for seed in seeds)
+
+
 def separators_cells() -> Iterator[str]:
     """The accuracies on Scatter, in docs/results.md, of agents that can act on separators."""
     _, scatter = pairs()
@@ -289,7 +299,7 @@ def figure_4_cells() -> Iterator[str]:
         yield by_novelty("program-reward", name)[0]._replace(low=None).text(1)
 
 
-def _greedy_and_sampled(pair: tuple[MeanStd, MeanStd]) -> str:
+def _greedy_and_sampled(pair: Sequence[MeanStd]) -> str:
     greedy, sampled = pair
     return f"{rounded(greedy.mean, 1)} / {rounded(sampled.mean, 1)}"
 

@@ -80,6 +80,7 @@ def test_added_recording__gives_the_published_numbers(tmp_path, monkeypatch):
         ("agents.md", "default_cells"),
         ("imitation.md", "imitation_cells"),
         ("reward_model.md", "reward_model_cells"),
+        ("stable_baselines3.md", "sb3_cells"),
         ("results.md", "separators_cells"),
         ("results.md", "figure_4_cells"),
     ],
