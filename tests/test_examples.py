@@ -87,12 +87,15 @@ def test_self_play__grows_both_pools_and_writes_the_curve(run, tmp_path):
 
 
 @pytest.mark.long
-def test_train_masked_ppo__evaluates_the_model_that_it_saves(run, tmp_path):
+@pytest.mark.parametrize("masks", [False, True])
+def test_train_masked_ppo__evaluates_the_model_that_it_saves(run, tmp_path, masks):
     needs("sb3_contrib")
     options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "256", "--seed", "1"]
+    options += ["--masks"] * masks
     run("train_masked_ppo.py", *options, "--split", "test", "--json", "results.json")
     rows = read_json(tmp_path / "results.json")["results"]
-    assert [(row["actions"], row["split"]) for row in rows] == [("greedy", "test"), ("sampled", "test")]
+    found = [(row["actions"], row["split"], "masked" in row["supervision"]) for row in rows]
+    assert found == [("greedy", "test", masks), ("sampled", "test", masks)]
     assert (tmp_path / "masked_ppo.zip").exists()
 
 
