@@ -219,8 +219,8 @@ def rates(runs: Sequence[Sequence[GameRecord]]) -> tuple[str, str, str]:
         return " / ".join(parts)
 
     js = [100 * each.j for each in measures if each.j is not None]
-    shown = ", ".join(rounded(j, 0) for j in js) or "-"
-    if len(js) > 3:
+    shown = ", ".join("-" if each.j is None else rounded(100 * each.j, 0) for each in measures)
+    if len(measures) > 3:
         shown = f"{rounded(min(js), 0)} to {rounded(max(js), 0)}, mean {rounded(mean(js), 0)}"
     return both("true_accept_rate"), both("false_accept_rate", rejected=True), shown
 
