@@ -12,8 +12,8 @@ recordings of the row in a configuration belong together: returns.csv and behavi
 `paper`, `paper-sf` and `paper-no-bonus` are C3+BERT with the paper's recipe, whose table is in docs/training.md (the
 last without the entropy bonus), `tested` the agents of docs/test_split.md, `default` parse and plan by default, in
 docs/agents.md, `included` those agents of that page that have no row here, `separators` agents that can act on
-separators, with sampled actions, `sb3` runs of docs/stable_baselines3.md, `reward` and `taught` those of
-docs/reward_model.md with and without search, `program-reward` the runs of Figure 4 with this reward.
+separators, with sampled actions, `sb3` and `sb3-masks` runs of docs/stable_baselines3.md, `reward` and `taught` those
+of docs/reward_model.md with and without search, `program-reward` the runs of Figure 4 with this reward.
 `--runs` writes commit, processor, CPU minutes, budget and digest of an experiment's finished runs into runs.csv, which
 knows them and their commands by name.
 
@@ -29,7 +29,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from itertools import combinations, zip_longest
+from itertools import combinations, product, zip_longest
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -279,10 +279,10 @@ def ppo_cells() -> Iterator[str]:
 
 def sb3_cells() -> Iterator[str]:
     """The cells of docs/stable_baselines3.md: accuracy of each seed with greedy and sampled actions."""
-    for name in CONFIGURATIONS:
-        runs = grouped((each.run, each) for each in outcomes() if (each.row, each.configuration) == ("sb3", name))
+    modes = ("greedy", "sampled")
+    for row, name in product(("sb3", "sb3-masks"), CONFIGURATIONS):
+        runs = grouped((each.run, each) for each in outcomes() if (each.row, each.configuration) == (row, name))
         seeds = [{each.actions: accuracy_where([each.recording()]) for each in run} for run in runs.values()]
-        modes = ("greedy", "sampled")
         if seeds:
             yield " | ".join(_greedy_and_sampled([cast("MeanStd", seed[mode]) for mode in modes]) for seed in seeds)
 
