@@ -14,7 +14,7 @@ from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.sb3 import make_vec_env, recipe
 
-# Without the recipe's changes of the tasks: each of 512 environments plays its own, and illegal actions are masked.
+# Without the recipe's changes of the tasks: each environment plays its own, and illegal actions are masked.
 UNCHANGED = {"same_statement": 1, "recolour": False, "empty_starts": 0.0, "stop_forcing": False}
 
 parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])

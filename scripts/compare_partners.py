@@ -220,7 +220,7 @@ def rates(runs: Sequence[Sequence[GameRecord]]) -> tuple[str, str, str]:
 
     js = [100 * each.j for each in measures if each.j is not None]
     shown = ", ".join("-" if each.j is None else rounded(100 * each.j, 0) for each in measures)
-    if len(measures) > 3:
+    if len(measures) > 3 and js:
         shown = f"{rounded(min(js), 0)} to {rounded(max(js), 0)}, mean {rounded(mean(js), 0)}"
     return both("true_accept_rate"), both("false_accept_rate", rejected=True), shown
 

@@ -29,7 +29,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from itertools import combinations, product, zip_longest
+from itertools import combinations, product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -251,8 +251,8 @@ def imitation_cells() -> Iterator[str]:
 
 def reward_model_cells() -> Iterator[str]:
     """The cells of docs/reward_model.md: for each appearance, those with search and without."""
-    for cells in zip_longest(_novelty_cells("reward"), _novelty_cells("taught")):
-        yield from filter(None, cells)
+    for cells in zip(_novelty_cells("reward"), _novelty_cells("taught"), strict=True):
+        yield from cells
 
 
 def _novelty_cells(row: str) -> Iterator[str]:
